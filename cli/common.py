@@ -1,0 +1,144 @@
+"""What every command shares: error handling with exit statuses, progress on stderr, JSON on stdout."""
+
+import functools
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bars
+
+from coslobe.core.errors import CoslobeError
+from coslobe.core.files import to_json
+from coslobe.core.progress import Progress
+
+INTERRUPTED = 130
+TERMINATED = 143
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print exactly one JSON document on stdout.")]
+DeviceOption = Annotated[
+    str | None,
+    typer.Option(help="Index of `coslobe devices`, or a part of its platform, version and name."),
+]
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived; raised in the main thread so that files in progress are cleaned up."""
+
+
+def command(function: Callable[..., None]) -> Callable[..., None]:
+    """Wrap a command: known failures become one message on stderr and their exit status."""
+
+    @functools.wraps(function)
+    def guarded(*args: Any, **kwargs: Any) -> None:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, _terminate)
+        try:
+            function(*args, **kwargs)
+        except CoslobeError as error:
+            if os.environ.get("COSLOBE_DEBUG"):
+                raise
+            fail(str(error), error.hint, error.exit_status)
+        except ImportError as error:
+            if os.environ.get("COSLOBE_DEBUG"):
+                raise
+            fail(*_missing_library(error), 1)
+        except KeyboardInterrupt:
+            fail("interrupted; finished files are kept", None, INTERRUPTED)
+        except Terminated:
+            fail("terminated; finished files are kept", None, TERMINATED)
+        except MemoryError:
+            fail("out of memory", "use a smaller image, fewer samples or a simpler mesh", 1)
+
+    return guarded
+
+
+def _terminate(*_: Any) -> NoReturn:
+    raise Terminated
+
+
+def fail(message: str, hint: str | None, status: int) -> NoReturn:
+    """Print an error and end with `status`."""
+    console = _stderr()
+    console.print(f"[bold red]error:[/] {escape(message)}", soft_wrap=True)
+    if hint:
+        console.print(f"[bold]try:[/] {escape(hint)}", soft_wrap=True)
+    raise typer.Exit(status)
+
+
+def _missing_library(error: ImportError) -> tuple[str, str]:
+    """Message and remedy for a package whose shared library the system lacks."""
+    packages = {
+        "libusb-1.0": "libusb-1.0-0",
+        "libgomp": "libgomp1",
+        "libX11": "libx11-6",
+        "libGL": "libgl1",
+        "libOpenGL": "libopengl0",
+    }
+    for library, package in packages.items():
+        if library in str(error):
+            return f"a system library is missing ({error})", f"apt-get install {package}"
+    return f"a Python package cannot be loaded ({error})", "pip install --force-reinstall coslobe"
+
+
+def print_json(document: Any) -> None:
+    """The one JSON document of a command with --json."""
+    sys.stdout.write(to_json(document) + "\n")
+
+
+def say(text: str) -> None:
+    """One line for a person, on stdout."""
+    Console(highlight=False, soft_wrap=True).print(escape(text))
+
+
+def _stderr() -> Console:
+    return Console(stderr=True, highlight=False)
+
+
+class _Terminal(Progress):
+    """Progress bars on a terminal, plain lines elsewhere; always on stderr."""
+
+    def __init__(self, bars: Bars | None, console: Console) -> None:
+        self._bars = bars
+        self._console = console
+
+    def say(self, text: str) -> None:
+        self._console.print(escape(text), soft_wrap=True)
+
+    @contextmanager
+    def task(self, name: str, total: float) -> Iterator[Callable[..., None]]:
+        if self._bars is None:
+            self._console.print(escape(f"{name} ..."), soft_wrap=True)
+            yield lambda amount=1.0, note="": None
+            return
+        bars, task = self._bars, self._bars.add_task(name, total=total, note="")
+        try:
+            yield lambda amount=1.0, note="": bars.update(task, advance=amount, note=note)
+        finally:
+            bars.remove_task(task)
+
+
+@contextmanager
+def progress() -> Iterator[Progress]:
+    """The listener that long work reports to while a command runs."""
+    console = _stderr()
+    if not console.is_terminal:
+        yield _Terminal(None, console)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
+    )
+    with Bars(*columns, console=console, transient=True) as bars:
+        yield _Terminal(bars, console)
