@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+
 from coslobe.core import cache
 from coslobe.core.errors import CoslobeError, NoDevice, UsageError
 from coslobe.core.files import write_json
@@ -144,23 +145,22 @@ def _pyopencl() -> Any:
 
 def _probed(index: int, device: Any, *, fresh: bool) -> DeviceInfo:
     platform = device.platform
-    kind = (
-        "gpu" if device.type & cl.device_type.GPU else "cpu" if device.type & cl.device_type.CPU else "other"
-    )
+    kind = _kind(device)
     identity = (VERSION, platform.name, platform.version, device.name, device.driver_version)
     path = cache.entry("devices", cache.digest(identity), ".json")
     verdict = None if fresh else _cached_verdict(path)
     if verdict is None:
-        verdict = _probe(index, kind)
+        verdict = _probe(index, kind, platform.version)
         write_json(path, verdict)
-    return DeviceInfo(
-        index=index,
-        platform=platform.name,
-        version=platform.version.strip(),
-        name=device.name,
-        kind=kind,
-        **verdict,
-    )
+    names = {"platform": platform.name, "version": platform.version.strip(), "name": device.name}
+    return DeviceInfo(index=index, kind=kind, **names, **verdict)
+
+
+def _kind(device: Any) -> str:
+    types = _pyopencl().device_type
+    if device.type & types.GPU:
+        return "gpu"
+    return "cpu" if device.type & types.CPU else "other"
 
 
 def _cached_verdict(path: Any) -> dict[str, Any] | None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
 from coslobe.core.errors import CoslobeError, InvalidInput
 
 TEMPORARY_PREFIX = ".coslobe-tmp-"

@@ -51,6 +51,7 @@ def expected_bits(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def run(index: int, width: int) -> None:
     """Raise where the device gives a wrong answer."""
     import pyopencl as cl
+
     from coslobe.core.device import BUILD_OPTIONS
 
     raw = [device for platform in cl.get_platforms() for device in platform.get_devices()][index]
