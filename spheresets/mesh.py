@@ -128,16 +128,13 @@ def _triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDAr
     if not np.ptp(vertices[faces.reshape(-1)], axis=0).any():
         raise InvalidInput(f"{path}: all triangles are one point", "export the mesh again")
     missing = ~(np.isfinite(normals).all(1) & (np.linalg.norm(normals, axis=1) > 0))
-    normals = np.where(
-        missing[:, None], angle_weighted_normals(vertices, faces) if missing.any() else 0, normals
-    )
+    if missing.any():
+        normals[missing] = angle_weighted_normals(vertices, faces)[missing]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return vertices, faces.astype(np.int32), normals
 
 
-def _placed(
-    scene: Any, node: str
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]] | None:
+def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None:
     """Vertices, faces and file normals (zero where the file has none) of one node in scene coordinates."""
     import trimesh
 
@@ -166,14 +163,6 @@ def _cofactors(m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
 
 
-def merged(
-    vertices: NDArray[np.float64], faces: NDArray[np.int32]
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """The same triangles on vertices of which no two coincide: what topology is read from."""
-    unique, index = np.unique(vertices, axis=0, return_inverse=True)
-    return unique, index.reshape(-1)[faces].astype(np.int32)
-
-
 def angle_weighted_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Unit normals [n, 3]: face normals averaged with the angle that each face has at the vertex.
 
@@ -192,8 +181,6 @@ def angle_weighted_normals(vertices: NDArray[np.float64], faces: NDArray[np.int3
         u, v = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
         angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(1))
         np.add.at(total, corners[:, k], normal * angle[:, None])
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    total = np.divide(
-        total, length, out=np.broadcast_to([0.0, 1.0, 0.0], total.shape).copy(), where=length > 1e-12
-    )
+    total[np.linalg.norm(total, axis=1) < 1e-12] = (0.0, 1.0, 0.0)
+    total /= np.linalg.norm(total, axis=1, keepdims=True)
     return total[index]
