@@ -1,0 +1,134 @@
+"""Direct light by Monte Carlo integration: unbiased, with the variance of every mean."""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core.device import cpu_count
+from coslobe.core.progress import SILENT, Progress
+from coslobe.evaluate.brdf import Brdf, create_brdf, dot
+from coslobe.evaluate.occlusion import Occluders, Segments, entry_distance
+from coslobe.evaluate.sampling import Strata, light_caps, square_to_cap
+
+if TYPE_CHECKING:
+    from coslobe.render.gbuffer import GBuffer
+    from coslobe.render.scene import Light, Scene
+
+BLOCK = 1 << 15
+"""Samples that are worked on at once: small enough for the caches of a core."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Means over samples and how far they may be off.
+
+    Attributes
+    ----------
+    radiance : float64 [n, 3]
+        Towards the viewer.
+    variance : float64 [n, 3]
+        An unbiased estimate of the variance of `radiance` (of the mean, not of one sample).
+    """
+
+    radiance: NDArray
+    variance: NDArray
+
+
+def direct_light(
+    scene: "Scene",
+    gbuffer: "GBuffer",
+    occluders: Occluders,
+    grid: Strata,
+    seed: tuple[int, ...],
+    progress: Progress = SILENT,
+    name: str = "reference",
+) -> Estimate:
+    """Radiance of every shaded point: per light, the mean of f cos V L over the cap times its solid angle.
+
+    Random numbers depend on `seed` and the point only, not on the number of threads.
+    """
+    brdfs = [create_brdf(material) for material in scene.materials.values()]
+    blocks = list(_blocks(gbuffer, grid.samples))
+    lights = list(scene.lights.values())
+    radiance = np.zeros_like(gbuffer.position)
+    variance = np.zeros_like(gbuffer.position)
+
+    def work(task: tuple[int, NDArray]) -> Estimate:
+        number, points = task
+        rng = np.random.default_rng((*seed, number))
+        return _block_light(gbuffer, points, brdfs[gbuffer.material[points[0]]], lights, occluders, grid, rng)
+
+    with progress.task(name, len(gbuffer.position)) as advance:
+        for points, estimate in zip(blocks, _parallel(work, enumerate(blocks)), strict=True):
+            radiance[points], variance[points] = estimate.radiance, estimate.variance
+            advance(len(points))
+    return Estimate(radiance, variance)
+
+
+def _blocks(gbuffer: "GBuffer", samples: int) -> Iterator[NDArray]:
+    """Indices of neighbouring points of the same material, so many that a block has about BLOCK samples."""
+    count = max(BLOCK // samples, 1)
+    for material in np.unique(gbuffer.material):
+        points = np.flatnonzero(gbuffer.material == material)
+        yield from np.array_split(points, range(count, len(points), count))
+
+
+def _parallel(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[Any]:
+    """Results in the order of the tasks, computed by one thread per CPU; NumPy and Embree free the others."""
+    executor = ThreadPoolExecutor(cpu_count())
+    try:
+        yield from executor.map(function, tasks)
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _block_light(
+    gbuffer: "GBuffer",
+    points: NDArray,
+    brdf: Brdf,
+    lights: "list[Light]",
+    occluders: Occluders,
+    grid: Strata,
+    rng: np.random.Generator,
+) -> Estimate:
+    radiance = np.zeros((len(points), 3))
+    variance = np.zeros((len(points), 3))
+    for index, light in enumerate(lights):
+        center, radius = np.asarray(light.sphere.center, np.float64), float(light.sphere.radius)
+        height = np.einsum("ij,ij->i", center - gbuffer.position[points], gbuffer.geometric_normal[points])
+        lit = np.flatnonzero(height > -radius)  # elsewhere the light is wholly below the horizon
+        if len(lit) == 0:
+            continue
+        at = points[lit]
+        position, normal = gbuffer.position[at], gbuffer.geometric_normal[at]
+        caps = light_caps(position, normal, center, radius)
+        directions = square_to_cap(*grid.jittered(rng, len(at)), caps)
+        cosine = np.maximum(dot(gbuffer.shading_normal[at], directions), 0.0)
+        cosine *= dot(normal, directions) > 0
+        reach = entry_distance(position, directions, center, radius)
+        segments = Segments(
+            position, normal, gbuffer.object[at], index, center, radius, directions, reach, cosine > 0
+        )
+        cosine *= ~occluders.blocked(segments)
+        functions = brdf.functions(gbuffer.shading_normal[at], gbuffer.view[at], directions)
+        mean, covariance = _moments([f * cosine for f in functions])
+        scale = (2 * np.pi * caps.height)[:, None] * np.asarray(light.sphere.radiance, np.float64)
+        radiance[lit] += scale * (mean @ brdf.colours)
+        variance[lit] += scale**2 * np.einsum("pkl,kc,lc->pc", covariance, brdf.colours, brdf.colours)
+    return Estimate(radiance, variance)
+
+
+def _moments(values: list[NDArray]) -> tuple[NDArray, NDArray]:
+    """Means [n, k] of the k functions sampled as [n, s], and the covariance of these means [n, k, k].
+
+    Samples i and i + s/2 share a stratum. In a stratum with the difference d, the mean of the two has the
+    variance d^2 / 4 in expectation, and the mean over all s/2 strata the sum of these over (s/2)^2.
+    """
+    strata = values[0].shape[1] // 2
+    means = np.stack([value.mean(axis=1) for value in values], axis=-1)
+    differences = np.stack([value[:, :strata] - value[:, strata:] for value in values])
+    return means, np.einsum("kns,lns->nkl", differences, differences) / (4 * strata * strata)

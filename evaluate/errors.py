@@ -1,0 +1,111 @@
+"""How far an image is from a reference: the numbers of the report, each by its formula.
+
+I is the image, R the reference, both linear and float64 [pixels, channels]; means and sums run over pixels
+that hit a surface and over all channels together.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core.errors import CoslobeError
+
+FORMULAS = {
+    "relative_rmse": "sqrt(mean((I − R)²)) / mean(R)",
+    "mean_abs": "mean(|I − R|) / mean(R)",
+    "bias": "sum(I) / sum(R) − 1",
+    "max_abs": "max(|I − R|) / mean(R)",
+    "noise": "sqrt(mean(variance of R)) / mean(R)",
+}
+
+NOISE_MARGIN = 1.1  # on an RMSE over a whole image, whose own statistical error is below a per cent
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Differences between an image and a reference, in units of the reference's mean.
+
+    Attributes
+    ----------
+    relative_rmse, mean_abs, bias, max_abs : float
+        See `FORMULAS`; 0 where both images are black, None where only the reference is.
+    noise : float
+        The relative RMSE that the reference's own noise causes: what a perfect image would show.
+    pixels : int
+        Number of pixels compared.
+    """
+
+    relative_rmse: float | None
+    mean_abs: float | None
+    bias: float | None
+    max_abs: float | None
+    noise: float | None
+    pixels: int
+
+    @property
+    def within_noise(self) -> bool:
+        """Whether the difference is no larger than what the reference's noise alone may cause."""
+        if self.relative_rmse is None or self.noise is None:
+            return False
+        return self.relative_rmse <= NOISE_MARGIN * self.noise
+
+
+def compare(image: NDArray, reference: NDArray, variance: NDArray, what: str = "image") -> Errors:
+    """Errors of `image` against `reference`, whose means have `variance`; all [pixels, channels].
+
+    Raises
+    ------
+    CoslobeError
+        A value is NaN or infinite; `what` names the image in the message.
+    """
+    image, reference, variance = (np.asarray(a, np.float64) for a in (image, reference, variance))
+    require_finite(image, what)
+    require_finite(reference, f"reference of {what}")
+    require_finite(variance, f"variance of the reference of {what}")
+    difference = image - reference
+    pixels = len(reference)
+    if pixels == 0:
+        return Errors(None, None, None, None, None, 0)
+    return Errors(
+        relative_rmse=_ratio(np.sqrt(np.mean(difference**2)), np.mean(reference)),
+        mean_abs=_ratio(np.mean(np.abs(difference)), np.mean(reference)),
+        bias=_ratio(np.sum(difference), np.sum(reference)),
+        max_abs=_ratio(np.max(np.abs(difference)), np.mean(reference)),
+        noise=_ratio(np.sqrt(np.mean(variance)), np.mean(reference)),
+        pixels=pixels,
+    )
+
+
+def _ratio(value: float, scale: float) -> float | None:
+    if scale > 0:
+        return float(value / scale)
+    return 0.0 if value == 0 else None
+
+
+def compare_by_object(
+    image: NDArray,
+    reference: NDArray,
+    variance: NDArray,
+    objects: NDArray,
+    names: Mapping[int, str],
+    what: str,
+) -> dict[str, Errors]:
+    """`compare` over the pixels of each object: images [h, w, c], `objects` int [h, w] (-1: background)."""
+    return {
+        name: compare(image[mask], reference[mask], variance[mask], f"{what}, object {name}")
+        for index, name in names.items()
+        if (mask := objects == index).any()
+    }
+
+
+def require_finite(values: NDArray, what: str) -> None:
+    """Raise where a value is NaN or infinite: such a pixel would make every mean meaningless."""
+    bad = np.argwhere(~np.isfinite(values))
+    if len(bad):
+        where = ", ".join(str(i) for i in bad[0])
+        raise CoslobeError(
+            f"{what}: {len(bad)} values are not finite, the first at [{where}]",
+            "this is a defect of coslobe: please report it with the scene file",
+        )
