@@ -5,9 +5,10 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import Annotated, Any, NoReturn
+from contextlib import contextmanager, redirect_stdout
+from typing import Annotated, Any, NoReturn, TextIO
 
 import typer
 from rich.console import Console
@@ -15,6 +16,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bars
 
+from coslobe.core import libraries
 from coslobe.core.errors import CoslobeError
 from coslobe.core.files import to_json
 from coslobe.core.progress import Progress
@@ -34,14 +36,20 @@ class Terminated(BaseException):
 
 
 def command(function: Callable[..., None]) -> Callable[..., None]:
-    """Wrap a command: known failures become one message on stderr and their exit status."""
+    """Wrap a command: known failures become one message on stderr and their exit status.
+
+    With `--json`, stdout is kept for the document: whatever else is printed goes to stderr.
+    """
 
     @functools.wraps(function)
     def guarded(*args: Any, **kwargs: Any) -> None:
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGTERM, _terminate)
+            signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
         try:
-            function(*args, **kwargs)
+            with warnings.catch_warnings(), _stdout_kept_for_json(kwargs.get("json", False)):
+                warnings.showwarning = _show_warning
+                function(*args, **kwargs)
         except CoslobeError as error:
             if os.environ.get("COSLOBE_DEBUG"):
                 raise
@@ -74,23 +82,51 @@ def fail(message: str, hint: str | None, status: int) -> NoReturn:
 
 
 def _missing_library(error: ImportError) -> tuple[str, str]:
-    """Message and remedy for a package whose shared library the system lacks."""
-    packages = {
-        "libusb-1.0": "libusb-1.0-0",
-        "libgomp": "libgomp1",
-        "libX11": "libx11-6",
-        "libGL": "libgl1",
-        "libOpenGL": "libopengl0",
-    }
-    for library, package in packages.items():
-        if library in str(error):
-            return f"a system library is missing ({error})", f"apt-get install {package}"
+    """Message and remedy for a package that cannot be imported, most often for want of a system library."""
+    known = {name for name in libraries.DEBIAN_PACKAGES if name in str(error)}
+    if known:  # name all at once: the loader stops at the first
+        packages = sorted(libraries.DEBIAN_PACKAGES[name] for name in known | set(libraries.missing()))
+        return f"a system library is missing ({error})", f"apt-get install {' '.join(packages)}"
     return f"a Python package cannot be loaded ({error})", "pip install --force-reinstall coslobe"
+
+
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    _stderr().print(f"[bold yellow]warning:[/] {escape(str(message))}", soft_wrap=True)
+
+
+_json_output: TextIO | None = None  # the real stdout while it is kept for the document
+
+
+@contextmanager
+def _stdout_kept_for_json(wanted: bool) -> Iterator[None]:
+    """Send to stderr what anybody but `print_json` writes to stdout, libraries written in C included."""
+    global _json_output
+    if not wanted:
+        yield
+        return
+    try:
+        descriptor = sys.stdout.fileno()
+    except OSError:  # not a file, as in tests: there is only Python's own stream to redirect
+        descriptor = None
+    stdout = sys.stdout if descriptor is None else open(os.dup(descriptor), "w", encoding="utf-8")  # noqa: SIM115
+    _json_output = stdout
+    try:
+        if descriptor is not None:
+            sys.stdout.flush()
+            os.dup2(2, descriptor)
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _json_output = None
+        stdout.flush()
+        if descriptor is not None:
+            os.dup2(stdout.fileno(), descriptor)
+            stdout.close()
 
 
 def print_json(document: Any) -> None:
     """The one JSON document of a command with --json."""
-    sys.stdout.write(to_json(document) + "\n")
+    (_json_output or sys.stdout).write(to_json(document) + "\n")
 
 
 def say(text: str) -> None:

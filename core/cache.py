@@ -1,8 +1,10 @@
 """The cache: files named by the hash of everything they depend on, so that they never go stale."""
 
+import atexit
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 import warnings
 from functools import lru_cache
@@ -11,17 +13,32 @@ from typing import Any
 
 import platformdirs
 
+from coslobe.core.files import plain
+
 
 def folder() -> Path:
-    """The cache folder: `$COSLOBE_CACHE_DIR`, else the platform's user cache; made if it is missing.
+    """The cache folder: `$COSLOBE_CACHE_DIR`, else `coslobe` in the user's cache; made if it is missing.
 
     Where neither can be written, a temporary folder stands in, with one warning.
     """
-    chosen = os.environ.get("COSLOBE_CACHE_DIR") or platformdirs.user_cache_dir("coslobe", appauthor=False)
-    return _writable(chosen)
+    chosen = os.environ.get("COSLOBE_CACHE_DIR")
+    return _writable(chosen) if chosen else _writable(str(user_folder() / "coslobe"))
 
 
-@lru_cache(maxsize=4)
+def user_folder() -> Path:
+    """The user's cache folder, where PoCL, pyopencl and matplotlib keep caches of their own.
+
+    PoCL finds no device and pyopencl fails where it cannot be written, so a temporary folder then stands in
+    for all of them, with one warning.
+    """
+    wanted = platformdirs.user_cache_dir()
+    path = _writable(wanted)
+    if path != Path(wanted):
+        os.environ["XDG_CACHE_HOME"] = str(path)
+    return path
+
+
+@lru_cache
 def _writable(chosen: str) -> Path:
     path = Path(chosen)
     try:
@@ -30,17 +47,24 @@ def _writable(chosen: str) -> Path:
             pass
     except OSError as error:
         path = Path(tempfile.mkdtemp(prefix="coslobe-cache-"))
+        atexit.register(shutil.rmtree, path, ignore_errors=True)
         warnings.warn(
-            f"cache folder {chosen} cannot be written ({error.strerror}); using {path} for now. "
-            "Set COSLOBE_CACHE_DIR to a writable folder to keep results.",
+            f"cache folder {chosen} cannot be written ({error.strerror}): nothing will be kept for the next "
+            "run. Set COSLOBE_CACHE_DIR and XDG_CACHE_HOME to folders that can be written.",
             stacklevel=2,
         )
     return path
 
 
 def digest(*parts: Any) -> str:
-    """Hexadecimal SHA-256 over the JSON form of `parts` (keys sorted): the identity of a cached result."""
-    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
+    """Hexadecimal SHA-256 over the JSON form of `parts` (keys sorted): the identity of a cached result.
+
+    Raises
+    ------
+    TypeError
+        A part has no JSON form; its text could leave out what tells two results apart.
+    """
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=plain).encode()).hexdigest()
 
 
 def entry(kind: str, key: str, suffix: str) -> Path:

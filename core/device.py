@@ -57,11 +57,6 @@ class DeviceInfo:
     ok: bool
     why: str
 
-    @property
-    def title(self) -> str:
-        """The text that `--device` is matched against."""
-        return f"{self.platform} {self.version} {self.name}"
-
 
 def devices(*, fresh: bool = False) -> list[DeviceInfo]:
     """Every OpenCL device with the widest vectors that it survives, found by a probe in a child process.
@@ -69,43 +64,41 @@ def devices(*, fresh: bool = False) -> list[DeviceInfo]:
     A runtime that crashes while compiling takes only the child with it. Probe results are cached by
     runtime and device; `fresh` runs them again.
     """
-    return [_probed(index, device, fresh=fresh) for index, device in enumerate(_raw_devices())]
+    return [_probed(index, device, fresh=fresh) for index, device in enumerate(raw_devices())]
 
 
 def select(wish: str | None = None) -> DeviceInfo:
     """The device that `wish` names: an index, or a part of "platform version device" (any case).
 
-    Without a wish: a GPU before a CPU, and of several CPU runtimes the newest.
+    Of several, and without a wish: a GPU before a CPU, and of several CPU runtimes the newest.
 
     Raises
     ------
     NoDevice
-        There is no usable device.
+        There is no usable device, or what `wish` names is not usable.
     UsageError
-        `wish` fits no usable device.
+        `wish` names no device.
     """
-    raw = list(enumerate(_raw_devices()))
-    if not raw:
+    candidates = sorted(enumerate(raw_devices()), key=_preference, reverse=True)
+    if not candidates:
         raise NoDevice("no OpenCL device found", INSTALL_HINT)
-    if wish is None:  # in order of preference, so that only as many are probed as necessary
-        for index, device in sorted(raw, key=_preference, reverse=True):
-            info = _probed(index, device, fresh=False)
-            if info.ok:
-                return info
-    found = devices()
-    usable = [info for info in found if info.ok]
-    if not usable:
-        reasons = "; ".join(f"[{info.index}] {info.name}: {info.why}" for info in found)
-        raise NoDevice(f"no usable OpenCL device ({reasons})", INSTALL_HINT)
-    assert wish is not None
-    if wish.isdecimal():
-        matches = [info for info in usable if info.index == int(wish)]
-    else:
-        matches = [info for info in usable if wish.lower() in info.title.lower()]
-    if not matches:
-        known = ", ".join(f"{info.index}: {info.title}" for info in usable)
-        raise UsageError(f"--device {wish}: no usable device has this index or name", f"one of: {known}")
-    return matches[0]
+    if wish is not None:
+        candidates = [c for c in candidates if wish == str(c[0])] or [
+            c for c in candidates if wish.lower() in _title(c[1]).lower()
+        ]
+        if not candidates:
+            known = ", ".join(f"{index}: {_title(device)}" for index, device in enumerate(raw_devices()))
+            raise UsageError(f"--device {wish}: no device has this index or name", f"one of: {known}")
+    refused = []
+    for index, device in candidates:  # in order of preference, so that only as many are probed as necessary
+        info = _probed(index, device, fresh=False)
+        if info.ok:
+            return info
+        refused.append(f"[{index}] {info.name}: {info.why}")
+    raise NoDevice(
+        f"no usable OpenCL device ({'; '.join(refused)})",
+        f"`coslobe devices` to test again, or {INSTALL_HINT}",
+    )
 
 
 def _preference(candidate: tuple[int, Any]) -> tuple[bool, tuple[int, ...], int]:
@@ -119,8 +112,23 @@ def _release(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in numbers[-1].split(".")) if numbers else ()
 
 
+def _names(device: Any) -> dict[str, str]:
+    return {
+        "platform": device.platform.name.strip(),
+        "version": device.platform.version.strip(),
+        "name": device.name.strip(),
+    }
+
+
+def _title(device: Any) -> str:
+    """The text that `--device` is matched against."""
+    return " ".join(_names(device).values())
+
+
 @lru_cache(maxsize=1)
-def _raw_devices() -> tuple[Any, ...]:
+def raw_devices() -> tuple[Any, ...]:
+    """pyopencl's devices of all platforms, in the order of their indices."""
+    cache.user_folder()  # before PoCL looks for it
     cl = _pyopencl()
     try:
         platforms = cl.get_platforms()
@@ -152,8 +160,7 @@ def _probed(index: int, device: Any, *, fresh: bool) -> DeviceInfo:
     if verdict is None:
         verdict = _probe(index, kind, platform.version)
         write_json(path, verdict)
-    names = {"platform": platform.name, "version": platform.version.strip(), "name": device.name}
-    return DeviceInfo(index=index, kind=kind, **names, **verdict)
+    return DeviceInfo(index=index, kind=kind, **_names(device), **verdict)
 
 
 def _kind(device: Any) -> str:
@@ -211,7 +218,7 @@ class Device:
     def __init__(self, info: DeviceInfo) -> None:
         self.info = info
         self._cl = _pyopencl()
-        raw = _raw_devices()[info.index]
+        raw = raw_devices()[info.index]
         self.context = self._cl.Context([raw])
         properties = self._cl.command_queue_properties.PROFILING_ENABLE
         self.queue = self._cl.CommandQueue(self.context, raw, properties=properties)
@@ -239,7 +246,7 @@ class Device:
                 self._programs[key] = self._cl.Program(self.context, source).build(list(options))
             except self._cl.Error as error:
                 raise CoslobeError(
-                    f"{self.info.title}: kernels do not build\n{error}", "try another --device"
+                    f"{self.info.name}: kernels do not build\n{error}", "try another --device"
                 ) from error
         return self._programs[key]
 
@@ -305,13 +312,20 @@ def struct_declaration(name: str, dtype: np.dtype) -> str:
         if base not in words:
             raise TypeError(f"{name}.{field}: {base} is not a 4-byte scalar")
         fields.append(f"    {words[base]} {field}{''.join(f'[{n}]' for n in shape)};")
+    if dtype.itemsize != sum(dtype[field].itemsize for field in dtype.names or ()):
+        raise TypeError(f"{name}: the fields leave gaps or overlap")
     return "typedef struct {\n" + "\n".join(fields) + f"\n}} {name};\n"
 
 
 def _literal(value: int | float | str) -> str:
     """A C literal; floats in the shortest form that gives back the same float32."""
-    if isinstance(value, float):
-        return f"{np.float32(value)!s}f" if np.isfinite(value) else "INFINITY"
+    if isinstance(value, bool | np.bool_):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        single = np.float32(value)
+        if np.isnan(single):
+            raise ValueError("a kernel constant is not a number")
+        return f"{single!s}f" if np.isfinite(single) else ("INFINITY" if single > 0 else "-INFINITY")
     return str(value)
 
 

@@ -33,7 +33,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         os.chmod(name, 0o666 & ~_umask())  # mkstemp makes files private; outputs are ordinary files
     except OSError as error:
         raise CoslobeError(
-            f"{path}: cannot be written ({error.strerror})", "choose another folder"
+            f"{path}: cannot be written ({error.strerror or error})", "choose another folder"
         ) from error
     temporary = Path(name)
     try:
@@ -41,7 +41,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         os.replace(temporary, path)
     except OSError as error:
         raise CoslobeError(
-            f"{path}: cannot be written ({error.strerror})", "free space or choose another folder"
+            f"{path}: cannot be written ({error.strerror or error})", "free space or choose another folder"
         ) from error
     finally:
         temporary.unlink(missing_ok=True)
@@ -72,10 +72,11 @@ def write_json(path: Path, document: Any) -> None:
 
 def to_json(document: Any) -> str:
     """JSON text of `document`; NumPy values become numbers and lists, paths absolute strings."""
-    return json.dumps(document, indent=1, default=_plain, allow_nan=False)
+    return json.dumps(document, indent=1, default=plain, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """NumPy values and paths as what JSON can hold; for `json.dumps(..., default=plain)`."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):

@@ -52,9 +52,9 @@ def run(index: int, width: int) -> None:
     """Raise where the device gives a wrong answer."""
     import pyopencl as cl
 
-    from coslobe.core.device import BUILD_OPTIONS
+    from coslobe.core.device import BUILD_OPTIONS, raw_devices
 
-    raw = [device for platform in cl.get_platforms() for device in platform.get_devices()][index]
+    raw = raw_devices()[index]
     context = cl.Context([raw])
     queue = cl.CommandQueue(context)
     program = cl.Program(context, SOURCE).build([*BUILD_OPTIONS, f"-DWIDTH={width}"])
