@@ -1,0 +1,143 @@
+"""Meshes and sphere sets in memory, each loaded or fitted once, and the blockers of a frame in the world."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core import cache
+from coslobe.core.errors import NoDevice
+from coslobe.core.progress import SILENT, Progress
+from coslobe.render.gbuffer import RayCaster
+from coslobe.render.scene import Object, Plane, Scene
+from coslobe.spheresets.files import mismatch, read_spheres
+from coslobe.spheresets.fit import cached_spheres
+from coslobe.spheresets.mesh import Mesh, load_mesh
+from coslobe.spheresets.model import SphereSet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from coslobe.core.device import Device
+
+
+class Assets:
+    """The files that scenes refer to. Everything is in the object's own coordinates.
+
+    Parameters
+    ----------
+    device : Device or None
+        Where spheres are fitted; not needed where all sphere sets are read from files.
+    progress : Progress
+        Hears of fits, and of sphere files that belong to another mesh.
+    """
+
+    def __init__(self, device: "Device | None", progress: Progress = SILENT) -> None:
+        self._device = device
+        self._progress = progress
+        self._made: dict[Any, Any] = {}
+
+    def mesh(self, obj: Object) -> Mesh:
+        """The object's triangles; a plane is its grid, two triangles per cell.
+
+        Raises
+        ------
+        InvalidInput
+            The mesh file cannot be used.
+        """
+        if obj.plane is not None:
+            return self._once(("plane", obj.plane), partial(plane_mesh, obj.plane))
+        assert obj.mesh is not None
+        return self._once(("mesh", obj.mesh), partial(load_mesh, obj.mesh))
+
+    def raycaster(self, obj: Object) -> RayCaster:
+        """The acceleration structure over `mesh(obj)`."""
+        mesh = self.mesh(obj)
+        return self._once(("raycaster", mesh.file, mesh.sha256), lambda: RayCaster(mesh.vertices, mesh.faces))
+
+    def spheres(self, obj: Object) -> SphereSet:
+        """The finest level of a mesh object's sphere set, read or fitted (and cached) as the object says.
+
+        Raises
+        ------
+        InvalidInput
+            The sphere file or the mesh cannot be used.
+        NoDevice
+            The set has to be fitted and there is no device.
+        """
+        return self._once(("spheres", obj.mesh, obj.spheres), lambda: self._load_spheres(obj))
+
+    def _load_spheres(self, obj: Object) -> SphereSet:
+        mesh, spheres = self.mesh(obj), obj.spheres
+        if spheres.file is not None:
+            tree = read_spheres(spheres.file)
+            if warning := mismatch(tree, mesh):
+                self._progress.say(f"{spheres.file}: {warning}")
+            return tree.finest
+        if self._device is None:
+            raise NoDevice(f"{mesh.file}: fitting spheres needs an OpenCL device")
+        return cached_spheres(
+            mesh,
+            spheres.count,
+            method=spheres.method,
+            quality=spheres.quality,
+            seed=spheres.seed,
+            device=self._device,
+            progress=self._progress,
+        ).finest
+
+    def _once(self, key: Any, make: "Callable[[], Any]") -> Any:
+        if key not in self._made:
+            self._made[key] = make()
+        return self._made[key]
+
+
+def plane_mesh(plane: Plane) -> Mesh:
+    """The square in y = 0 as resolution x resolution cells of two triangles, facing +y."""
+    n = plane.resolution
+    ticks = (np.arange(n + 1) / n - 0.5) * plane.size
+    z, x = np.meshgrid(ticks, ticks, indexing="ij")
+    vertices = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=-1)
+    row, column = np.divmod(np.arange(n * n), n)
+    corner = row * (n + 1) + column
+    near, far = corner + n + 1, corner  # towards +z and -z
+    triangles = [np.stack([near, near + 1, far + 1], -1), np.stack([near, far + 1, far], -1)]
+    faces = np.stack(triangles, axis=1).reshape(-1, 3).astype(np.int32)
+    normals = np.tile([0.0, 1.0, 0.0], (len(vertices), 1))
+    return Mesh(vertices, faces, normals, "plane", cache.digest("plane", plane.size, plane.resolution))
+
+
+@dataclass(frozen=True)
+class Blockers:
+    """The spheres that block light in one frame, in world units.
+
+    Attributes
+    ----------
+    centers : float64 [n, 3]
+    radii : float64 [n]
+    outside : float64 [n]
+        Largest distance of each sphere outside its mesh.
+    owner : int32 [n]
+        Index of the sphere's object in the order of the scene file.
+    """
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    outside: NDArray[np.float64]
+    owner: NDArray[np.int32]
+
+
+def world_blockers(scene: Scene, assets: Assets) -> Blockers:
+    """The spheres of all visible, occluding meshes of `scene`, placed in the world. Errors as in `Assets`."""
+    centers, radii, outside, owner = [np.empty((0, 3))], [np.empty(0)], [np.empty(0)], [np.empty(0, np.int32)]
+    for index, obj in enumerate(scene.objects.values()):
+        if not (obj.visible and obj.occludes):
+            continue
+        spheres, matrix = assets.spheres(obj), obj.transform.matrix()
+        centers.append(spheres.centers @ matrix[:3, :3].T + matrix[:3, 3])
+        radii.append(spheres.radii * obj.transform.scale)
+        outside.append(spheres.outside * obj.transform.scale)
+        owner.append(np.full(len(spheres.radii), index, np.int32))
+    return Blockers(*(np.concatenate(parts) for parts in (centers, radii, outside, owner)))
