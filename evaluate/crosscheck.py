@@ -1,0 +1,199 @@
+"""The same scene in Mitsuba 3: an independent renderer for camera, units, BRDFs and light.
+
+Mitsuba is optional (`pip install coslobe[mitsuba]`). What it cannot express is refused: meshes that do
+not occlude. Planes occlude in Mitsuba, in coslobe they never do: a scene is comparable when no plane
+stands between a light and a point. Mitsuba averages over random positions in each pixel where coslobe
+takes the centre or `image.samples` positions: edges differ unless there are many.
+"""
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core.errors import CoslobeError
+
+if TYPE_CHECKING:
+    from coslobe.render.assets import Assets
+    from coslobe.render.scene import Material, Object, Scene
+    from coslobe.spheresets.mesh import Mesh
+
+MODIFIED_PHONG = "coslobe_modified_phong"
+
+
+def render_with_mitsuba(
+    scene: "Scene", assets: "Assets", samples: int, *, seed: int = 0, variant: str = "scalar_rgb"
+) -> NDArray:
+    """Direct light by Mitsuba's `direct` integrator, one light sample per camera sample: float64 [h, w, 3].
+
+    The variant `llvm_ad_rgb` is ten times faster, but an unsuitable libLLVM ends the process: 15 does,
+    19 works.
+
+    Raises
+    ------
+    CoslobeError
+        Mitsuba is not installed, or cannot express the scene.
+    """
+    mitsuba = _load(variant)
+    with tempfile.TemporaryDirectory(prefix="coslobe-mitsuba-") as folder:
+        loaded = mitsuba.load_dict(mitsuba_scene(scene, assets, samples, Path(folder)))
+        image = mitsuba.render(loaded, spp=samples, seed=seed)
+        return np.array(image, dtype=np.float64).reshape(scene.image.height, scene.image.width, 3)
+
+
+def _load(variant: str) -> Any:
+    try:
+        import mitsuba
+
+        mitsuba.set_variant(variant)
+    except ImportError as error:
+        raise CoslobeError(
+            f"Mitsuba ({variant}) cannot be loaded ({error})", "pip install 'coslobe[mitsuba]'"
+        ) from error
+    _register_modified_phong(mitsuba)
+    return mitsuba
+
+
+def mitsuba_scene(scene: "Scene", assets: "Assets", samples: int, folder: Path) -> dict[str, Any]:
+    """The scene as a dictionary for `mitsuba.load_dict`; meshes are written as PLY files into `folder`.
+
+    Transforms are Mitsuba's own objects: its variant must be set before.
+    """
+    import mitsuba
+
+    look_at = scene.camera.look_at
+    result: dict[str, Any] = {
+        "type": "scene",
+        "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True},
+        "sensor": {
+            "type": "perspective",
+            "fov": scene.camera.fov,
+            "fov_axis": scene.camera.fov_axis,
+            "near_clip": 1e-4,
+            "far_clip": 1e6,
+            "to_world": mitsuba.ScalarTransform4f().look_at(
+                list(look_at.origin), list(look_at.target), list(look_at.up)
+            ),
+            "film": {
+                "type": "hdrfilm",
+                "width": scene.image.width,
+                "height": scene.image.height,
+                "rfilter": {"type": "box"},
+                "pixel_format": "rgb",
+                "component_format": "float32",
+            },
+            "sampler": {"type": "independent", "sample_count": samples},
+        },
+    }
+    for name, light in scene.lights.items():
+        result[f"light {name}"] = {
+            "type": "sphere",
+            "center": list(light.sphere.center),
+            "radius": light.sphere.radius,
+            "emitter": {"type": "area", "radiance": _rgb(light.sphere.radiance)},
+        }
+    for name, obj in scene.objects.items():
+        if obj.visible:
+            shape = _shape(name, obj, assets, folder)
+            result[f"object {name}"] = {**shape, "bsdf": _bsdf(scene.materials[obj.material])}
+    return result
+
+
+def _shape(name: str, obj: "Object", assets: "Assets", folder: Path) -> dict[str, Any]:
+    import mitsuba
+
+    matrix = obj.transform.matrix()
+    if obj.plane is not None:
+        half = obj.plane.size / 2
+        # Mitsuba's rectangle spans x and y in [-1, 1]; here it lies in x and z.
+        square = np.array([[half, 0, 0, 0], [0, 0, 1, 0], [0, -half, 0, 0], [0, 0, 0, 1]])
+        return {"type": "rectangle", "to_world": mitsuba.ScalarTransform4f(matrix @ square)}
+    if not obj.occludes:
+        raise CoslobeError(
+            f"objects.{name}: Mitsuba has no surfaces that do not occlude", "leave out `occludes: false`"
+        )
+    path = folder / f"{name}.ply"
+    write_ply(path, assets.mesh(obj), matrix)
+    return {"type": "ply", "filename": str(path), "face_normals": obj.normals == "flat"}
+
+
+def write_ply(path: Path, mesh: "Mesh", matrix: NDArray) -> None:
+    """A binary PLY file of a mesh with its normals, transformed by `matrix` [4, 4]."""
+    linear = matrix[:3, :3]
+    normals = mesh.normals @ np.linalg.inv(linear)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    vertices = mesh.vertices @ linear.T + matrix[:3, 3]
+    faces = np.empty(len(mesh.faces), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
+    faces["count"], faces["corners"] = 3, mesh.faces
+    properties = "".join(f"property float {axis}\n" for axis in ("x", "y", "z", "nx", "ny", "nz"))
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n{properties}"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    data = np.hstack([vertices, normals]).astype("<f4")
+    path.write_bytes(header.encode() + data.tobytes() + faces.tobytes())
+
+
+def _bsdf(material: "Material") -> dict[str, Any]:
+    if material.lambert is not None:
+        one_sided: dict[str, Any] = {"type": "diffuse", "reflectance": _rgb(material.lambert.albedo)}
+    elif material.phong is not None:
+        one_sided = {"type": MODIFIED_PHONG, **material.phong.model_dump()}
+    else:
+        raise CoslobeError("Mitsuba is given lambert and phong materials only", "use one of these two")
+    return {"type": "twosided", "bsdf": one_sided}
+
+
+def _register_modified_phong(mitsuba: Any) -> None:
+    """Mitsuba 3 has no Phong BSDF of its own: this is one for its plugin interface, `eval` only.
+
+    kd / pi + ks (n + 2) / (2 pi) max(r.l, 0)^n in Mitsuba's shading frame, whose z is the normal, so that the
+    reflection of w is (-wx, -wy, wz). Its `direct` integrator samples emitters only, so that nothing is
+    sampled here.
+    """
+    import drjit
+
+    class ModifiedPhong(mitsuba.BSDF):
+        def __init__(self, properties: Any) -> None:
+            mitsuba.BSDF.__init__(self, properties)
+            self.kd, self.ks = (mitsuba.Color3f(properties[name]) for name in ("kd", "ks"))
+            self.exponent = mitsuba.Float(properties["exponent"])
+            self.m_flags = mitsuba.BSDFFlags.GlossyReflection | mitsuba.BSDFFlags.FrontSide
+            self.m_components = [self.m_flags]
+
+        def eval(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
+            view = interaction.wi
+            cosine = drjit.maximum(view.z * light.z - view.x * light.x - view.y * light.y, 0)
+            lobe = (self.exponent + 2) * drjit.power(cosine, self.exponent) / (2 * drjit.pi)
+            value = (self.kd / drjit.pi + self.ks * lobe) * light.z
+            return drjit.select(active & (view.z > 0) & (light.z > 0), value, mitsuba.Color3f(0))
+
+        def pdf(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
+            return mitsuba.Float(0)
+
+        def eval_pdf(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
+            return self.eval(context, interaction, light, active), mitsuba.Float(0)
+
+        def traverse(self, callback: Any) -> None:
+            pass
+
+    mitsuba.register_bsdf(MODIFIED_PHONG, ModifiedPhong)
+
+
+def _rgb(colour: tuple[float, ...]) -> dict[str, Any]:
+    return {"type": "rgb", "value": list(colour)}
+
+
+def image_shift(image: NDArray, reference: NDArray) -> tuple[float, float]:
+    """By how many pixels (right, down) `image` [h, w] is displaced against `reference`, for small shifts.
+
+    Least squares over all inner pixels of the first-order expansion (Lucas and Kanade 1981).
+    """
+    down, right = np.gradient((image + reference) / 2)
+    inner = (slice(1, -1), slice(1, -1))
+    gradient = np.stack([right[inner].ravel(), down[inner].ravel()], axis=-1)
+    difference = (reference - image)[inner].ravel()
+    shift, *_ = np.linalg.lstsq(gradient, difference, rcond=None)
+    return float(shift[0]), float(shift[1])
