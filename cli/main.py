@@ -2,7 +2,7 @@
 
 import typer
 
-from coslobe.cli import devices
+from coslobe.cli import devices, tables
 from coslobe.core.version import VERSION
 
 app = typer.Typer(
@@ -29,6 +29,7 @@ def _options(
     """Options before the command."""
 
 
+app.add_typer(tables.app, name="tables")
 app.command()(devices.devices)
 
 

@@ -1,0 +1,231 @@
+"""All tables together: build, verify against exact cases, keep in one file, report their error."""
+
+import hashlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core import cache
+from coslobe.core.errors import CoslobeError, InvalidInput
+from coslobe.core.files import atomic_path
+from coslobe.core.progress import SILENT, Progress
+from coslobe.tables import cap, integral, lobe, lobe_cap, product
+from coslobe.tables.grid import exponent_nodes
+
+FORMAT = "coslobe-tables/1"
+
+
+@dataclass(frozen=True)
+class LobeTables:
+    """The tables that rendering needs; none depends on a scene."""
+
+    product: product.ProductTable
+    integral: integral.IntegralTable
+    cap: cap.CapTable
+    lobe_cap: lobe_cap.LobeCapTable
+
+
+def build(progress: Progress = SILENT) -> LobeTables:
+    """Build and verify all tables; seconds, not hours, because every integral is one-dimensional."""
+    with progress.task("building tables", 4) as advance:
+        product_table = product.build()
+        advance(note="product")
+        integral_table = integral.build()
+        advance(note="integral")
+        cap_table = cap.build()
+        advance(note="cap")
+        lobe_cap_table = lobe_cap.build()
+        advance(note="lobe over cap")
+    tables = LobeTables(product_table, integral_table, cap_table, lobe_cap_table)
+    verify(tables)
+    return tables
+
+
+def verify(tables: LobeTables) -> None:
+    """Raise CoslobeError where a table contradicts a case that is known exactly, naming the case."""
+    for case, holds in _exact_cases(tables):
+        if not holds:
+            raise CoslobeError(
+                f"lobe tables: {case} does not hold", "rebuild them: coslobe tables build --force"
+            )
+
+
+def _exact_cases(tables: LobeTables) -> Iterator[tuple[str, bool]]:
+    for name, array in _arrays(tables).items():
+        yield f"{name} is finite", bool(np.isfinite(array).all())
+    e = exponent_nodes(product.EXPONENTS)
+    e1, e2 = e[:, None], e[None, :]
+    same = tables.product.lookup(e1, e2, np.zeros((len(e), len(e))))
+    yield (
+        "the product of coaxial lobes has exponent e1 + e2",
+        np.allclose(same.exponent, e1 + e2, atol=1e-4, rtol=1e-4),
+    )
+    yield (
+        "a coaxial product integrates to 2 pi / (e1 + e2 + 1)",
+        np.allclose(same.integral, 2 * np.pi / (e1 + e2 + 1), rtol=1e-5),
+    )
+    # The test is at the nodes: between them interpolation may ripple by as much as its error.
+    alpha = np.linspace(0, 1, product.ANGLES)[:, None, None] * product.largest_angle(e1, e2)
+    integrals = tables.product.lookup(e1, e2, alpha).integral
+    falling = np.diff(integrals, axis=0) <= 1e-5 * integrals[:1]
+    yield "a product's integral falls with the angle", bool(falling.all())
+    yield (
+        "a lobe integrates to 2 pi / (e + 1)",
+        np.allclose(tables.integral.values, lobe.integral(tables.integral.exponents), rtol=1e-9),
+    )
+    yield "a small cap's exponent times its depth is 0.9613", bool(abs(tables.cap.values[0] - 0.9613) < 1e-4)
+    yield "a hemisphere is the lobe of exponent 0", bool(tables.cap.values[-1] == 0)
+    depth = 1 - np.cos(1.0)
+    inside = 2 * np.pi * -np.expm1((e + 1) * np.log1p(-depth)) / (e + 1)
+    coaxial = tables.lobe_cap.lookup(e, np.zeros_like(e), np.ones_like(e)).integral
+    yield "a lobe over a coaxial cap has its closed form", np.allclose(coaxial, inside, rtol=2e-3)
+
+
+def _arrays(tables: LobeTables) -> dict[str, NDArray]:
+    return {
+        "product": tables.product.values,
+        "integral_exponents": tables.integral.exponents,
+        "integral": tables.integral.values,
+        "cap": tables.cap.values,
+        "lobe_cap": tables.lobe_cap.values,
+    }
+
+
+def save(path: Path, tables: LobeTables) -> None:
+    """Write one .npz file, atomically; the same tables give the same bytes."""
+    arrays = _arrays(tables)
+    with atomic_path(path) as temporary, open(temporary, "wb") as file:
+        np.savez(
+            file, allow_pickle=False, format=np.array(FORMAT), checksum=np.array(_checksum(arrays)), **arrays
+        )
+
+
+def load(path: Path) -> LobeTables:
+    """Read and verify a file of `save`.
+
+    Raises
+    ------
+    InvalidInput
+        The file is missing, damaged, or not a table file of this version.
+    """
+    hint = "write a new one: coslobe tables build --force"
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            content = {name: archive[name] for name in archive.files}
+    except Exception as error:  # zipfile, zlib and NumPy each have their own errors for damaged files
+        raise InvalidInput(f"{path}: table file cannot be read ({error})", hint) from error
+    if str(content.pop("format", "")) != FORMAT:
+        raise InvalidInput(f"{path}: not a table file of format {FORMAT}", hint)
+    checksum = str(content.pop("checksum", ""))
+    shapes = {
+        "product": (product.EXPONENTS * (product.EXPONENTS + 1) // 2, product.ANGLES, 3),
+        "integral_exponents": content.get("integral", np.empty(0)).shape,
+        "integral": content.get("integral", np.empty(0)).shape,
+        "cap": (cap.SAMPLES,),
+        "lobe_cap": (lobe_cap.EXPONENTS, lobe_cap.CAPS, lobe_cap.ANGLES, 4),
+    }
+    if {name: array.shape for name, array in content.items()} != shapes or _checksum(content) != checksum:
+        raise InvalidInput(f"{path}: table file is damaged", hint)
+    tables = LobeTables(
+        product.ProductTable(content["product"]),
+        integral.IntegralTable(content["integral_exponents"], content["integral"]),
+        cap.CapTable(content["cap"]),
+        lobe_cap.LobeCapTable(content["lobe_cap"]),
+    )
+    verify(tables)
+    return tables
+
+
+def _checksum(arrays: dict[str, NDArray]) -> str:
+    hasher = hashlib.sha256()
+    for name in sorted(arrays):
+        hasher.update(name.encode() + np.ascontiguousarray(arrays[name]).tobytes())
+    return hasher.hexdigest()
+
+
+def cached_path() -> Path:
+    """Where the cache keeps the tables: named by the source that builds them, so that they never go stale."""
+    modules = (product, integral, cap, lobe_cap, lobe)
+    sources = [Path(str(module.__file__)).read_text() for module in modules]
+    return cache.entry("tables", cache.digest(FORMAT, sources), ".npz")
+
+
+def cached(progress: Progress = SILENT, *, force: bool = False) -> LobeTables:
+    """The tables from the cache, built on first use; a damaged file is replaced, with a line that says so."""
+    path = cached_path()
+    if path.exists() and not force:
+        try:
+            return load(path)
+        except CoslobeError as error:
+            progress.say(f"{error}; building new tables")
+    else:
+        progress.say("building the lobe tables (once)")
+    tables = build(progress)
+    save(path, tables)
+    return tables
+
+
+def report(tables: LobeTables) -> dict[str, Any]:
+    """Errors of the integrals in the sampling of the contract: 1e5 triples, seed 0.
+
+    Both exponents are log-uniform in [1, 1e5], the angle uniform in
+    [0, min(pi, 6 sqrt(1 / (e1 + 1) + 1 / (e2 + 1)))].
+    """
+    rng = np.random.default_rng(0)
+    n = 100_000
+    e1, e2 = 10 ** rng.uniform(0, 5, n), 10 ** rng.uniform(0, 5, n)
+    alpha = rng.uniform(0, 1, n) * np.minimum(np.pi, 6 * np.sqrt(1 / (e1 + 1) + 1 / (e2 + 1)))
+    exact = lobe.product_integral(e1, e2, alpha)
+    found = tables.product.lookup(e1, e2, alpha)
+    depth = rng.uniform(0, 1, n)
+    solved = np.array([cap.best_exponent(d) for d in depth[:2000]])
+    return {
+        "product_error": {
+            "l2": _statistics(found.scale_l2 * lobe.integral(found.exponent) - exact),
+            "energy": _statistics(found.scale_energy * lobe.integral(found.exponent) - exact),
+        },
+        "integral_error": _statistics(tables.integral.lookup(e1) - lobe.integral(e1)),
+        "cap_error": _statistics(
+            cap.l2_distance(depth[:2000], tables.cap.exponent(depth[:2000]))
+            - cap.l2_distance(depth[:2000], solved)
+        ),
+        "lobe_cap_error": _lobe_cap_error(tables, rng),
+    }
+
+
+def _lobe_cap_error(tables: LobeTables, rng: np.random.Generator) -> dict[str, float]:
+    """|table - exact| of T relative to its largest value over the angle, where the cap meets the lobe."""
+    n = 4000
+    e = 10 ** rng.uniform(0, 5, n)
+    alpha = 10 ** rng.uniform(-4, np.log10(1.15), n)
+    first, last = lobe_cap.angle_range(e, alpha)
+    theta = first + rng.uniform(0, 1, n) * (last - first)
+    peak = lobe_cap.exact(e, np.zeros(n), alpha).integral
+    exact = lobe_cap.exact(e, theta, alpha).integral
+    return _statistics((tables.lobe_cap.lookup(e, theta, alpha).integral - exact) / peak)
+
+
+def _statistics(error: NDArray) -> dict[str, float]:
+    size = np.abs(error)
+    return {
+        "mean": float(size.mean()),
+        "variance": float(size.var()),
+        "median": float(np.median(size)),
+        "max": float(size.max()),
+    }
+
+
+def build_to(path: Path | None, progress: Progress = SILENT, *, force: bool = False) -> dict[str, Any]:
+    """`coslobe tables build`: the contract's JSON document; `path` None keeps them in the cache alone."""
+    start = time.perf_counter()
+    tables = cached(progress, force=force)
+    target = path or cached_path()
+    if path is not None:
+        save(path, tables)
+    seconds = time.perf_counter() - start
+    return {"file": target, "seconds": seconds, "bytes": target.stat().st_size, **report(tables)}
