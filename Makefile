@@ -1,0 +1,37 @@
+# Two commands do everything on a fresh machine: `make demo` and `make test`.
+# Every target first sets up what it needs (scripts/prepare.py); that costs nothing once it is done.
+
+PYTHON ?= python3
+ROOMS := cli configs core evaluate render spheresets tables
+RUN := .venv/bin/python -m
+
+.PHONY: help demo test check bench fresh prepare
+
+help:
+	@echo "make demo    the main job: from the bunny to a measured picture, out/demo/report.html"
+	@echo "make test    all tests"
+	@echo "make check   style, format and types"
+	@echo "make bench   measure speed, see benchmarks/"
+	@echo "make fresh   prove the set-up in an empty root (needs root and debootstrap)"
+
+demo: prepare
+	.venv/bin/coslobe demo
+
+test: prepare
+	$(RUN) pytest
+
+check: prepare
+	$(RUN) ruff check .
+	$(RUN) ruff format --check .
+	mkdir -p build/typing/coslobe
+	for room in $(ROOMS); do ln -sfn ../../../$$room build/typing/coslobe/$$room; done
+	$(RUN) pyright
+
+bench: prepare
+	.venv/bin/python benchmarks/run.py
+
+fresh:
+	scripts/fresh.sh
+
+prepare:
+	@$(PYTHON) scripts/prepare.py
