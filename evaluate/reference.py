@@ -1,0 +1,205 @@
+"""Reference images: direct light by path tracing, frame by frame into EXR files, resumable."""
+
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core import cache
+from coslobe.core.errors import InvalidInput
+from coslobe.core.files import remove_leftovers, write_json
+from coslobe.core.progress import SILENT, Progress
+from coslobe.core.version import VERSION
+from coslobe.evaluate.direct import direct_light
+from coslobe.evaluate.occlusion import mesh_occluders, sphere_occluders
+from coslobe.evaluate.sampling import Strata, strata
+from coslobe.render.assets import Assets, world_blockers
+from coslobe.render.gbuffer import trace_gbuffer
+from coslobe.render.images import BEAUTY, read_attributes, read_exr, write_exr
+from coslobe.render.scene import Scene, SceneFile
+
+OccluderKind = Literal["mesh", "spheres"]
+
+DEFAULT_SAMPLES = 256
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A reference image as read from its file.
+
+    Attributes
+    ----------
+    radiance, variance : float64 [h, w, 3]
+        The mean, and an unbiased estimate of the variance of that mean.
+    samples : float64 [h, w]
+        Light samples per light; 0 where no surface is seen.
+    object : int [h, w]
+        Index, in scene order, of what the pixel's first sample hits; -1 for the background.
+    """
+
+    radiance: NDArray
+    variance: NDArray
+    samples: NDArray
+    object: NDArray
+
+    @property
+    def hit(self) -> NDArray:
+        """Pixels that show a surface, bool [h, w]."""
+        return self.samples > 0
+
+
+def render_references(
+    scene_file: SceneFile,
+    folder: Path,
+    *,
+    frames: Sequence[int],
+    occluders: OccluderKind,
+    samples: int,
+    assets: Assets,
+    progress: Progress = SILENT,
+) -> list[dict[str, Any]]:
+    """Render `frames` into `folder`/reference.0000.exr and a manifest; what is there already is kept.
+
+    `samples` per pixel and light are shared by the `image.samples` points of a pixel. They are rounded up so
+    that every point gets two in each of its strata (see `sampling`). The same settings give the same bytes.
+
+    Returns
+    -------
+    list of dict
+        Per frame index, file, spp, seconds (of the run that made the file; None if unknown), resumed.
+
+    Raises
+    ------
+    InvalidInput
+        The scene is wrong at one of the frames, or a file that it names cannot be used.
+    """
+    remove_leftovers(folder)
+    manifest = folder / "manifest.json"
+    earlier = _earlier_seconds(manifest)
+    records: list[dict[str, Any]] = []
+    hashes: list[str] = []
+    try:
+        for index in frames:
+            scene = scene_file.at(index)
+            grid = strata(-(-samples // scene.image.samples))
+            path = folder / f"reference.{index:04d}.exr"
+            settings = _settings_hash(scene, assets, occluders, grid, index)
+            done = _is_done(path, settings)
+            start = time.perf_counter()
+            if not done:
+                _render(scene, assets, occluders, grid, index, path, settings, progress)
+            seconds = earlier.get(settings) if done else time.perf_counter() - start
+            spp = grid.samples * scene.image.samples
+            records.append({"index": index, "file": path, "spp": spp, "seconds": seconds, "resumed": done})
+            hashes.append(settings)
+    finally:
+        if records:
+            _write_manifest(manifest, scene_file, occluders, records, hashes)
+    return records
+
+
+def read_reference(path: Path) -> Reference:
+    """Read a file written by `render_references`.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read, or is not a reference.
+    """
+    layers, _ = read_exr(path)
+    try:
+        radiance, variance, samples, index = (
+            layers[name].astype(np.float64) for name in (BEAUTY, "variance", "spp", "object")
+        )
+    except KeyError as error:
+        raise InvalidInput(
+            f"{path}: no reference: it has no layer {error}", "make one with `coslobe reference`"
+        ) from error
+    return Reference(radiance, variance, samples, index.astype(int))
+
+
+def _render(
+    scene: Scene,
+    assets: Assets,
+    occluders: OccluderKind,
+    grid: Strata,
+    index: int,
+    path: Path,
+    settings: str,
+    progress: Progress,
+) -> None:
+    gbuffer = trace_gbuffer(scene, assets)
+    blockers = mesh_occluders(scene, assets) if occluders == "mesh" else sphere_occluders(scene, assets)
+    name = f"reference with {occluders}, frame {index}"
+    estimate = direct_light(scene, gbuffer, blockers, grid, (SEED, index), progress, name)
+    hits = gbuffer.image(np.ones((len(gbuffer.position), 1)))[..., 0] * gbuffer.samples
+    layers = {
+        BEAUTY: gbuffer.image(estimate.radiance),
+        # The mean of n independent means has the sum of their variances over n^2.
+        "variance": gbuffer.image(estimate.variance) / gbuffer.samples,
+        "spp": hits * grid.samples,
+        "object": gbuffer.first_image(gbuffer.object, background=-1),
+    }
+    attributes = {"version": VERSION, "config_sha256": settings, "frame": index, "occluders": occluders}
+    write_exr(path, layers, attributes)
+
+
+def _settings_hash(scene: Scene, assets: Assets, occluders: OccluderKind, grid: Strata, frame: int) -> str:
+    """Identity of a reference image: everything that its pixels depend on, and nothing else."""
+    data = scene.model_dump(mode="json", exclude={"shading"})
+    order = [list(part) for part in (scene.materials, scene.lights, scene.objects)]
+    for name, obj in scene.objects.items():
+        del data["objects"][name]["spheres"]
+        if obj.mesh is not None:
+            data["objects"][name]["mesh"] = assets.mesh(obj).sha256
+    blockers = None
+    if occluders == "spheres":
+        spheres = world_blockers(scene, assets)
+        parts = (spheres.centers, spheres.radii, spheres.outside, spheres.owner)
+        blockers = hashlib.sha256(
+            b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
+        ).hexdigest()
+    return cache.digest("reference", VERSION, data, order, blockers, grid.rows, grid.columns, SEED, frame)
+
+
+def _is_done(path: Path, settings: str) -> bool:
+    try:
+        return path.is_file() and read_attributes(path).get("config_sha256") == settings
+    except InvalidInput:  # broken: made again
+        return False
+
+
+def _write_manifest(
+    path: Path,
+    scene_file: SceneFile,
+    occluders: OccluderKind,
+    records: Sequence[dict[str, Any]],
+    hashes: Sequence[str],
+) -> None:
+    document = {
+        "scene": scene_file.path,
+        "settings": scene_file.data,
+        "occluders": occluders,
+        "versions": {"coslobe": VERSION},
+        "frames": [
+            {"index": record["index"], "settings_sha256": settings, "seconds": record["seconds"]}
+            for record, settings in zip(records, hashes, strict=True)
+        ],
+    }
+    write_json(path, document)
+
+
+def _earlier_seconds(manifest: Path) -> dict[str, float]:
+    """Seconds by settings hash, from the manifest of an earlier run; nothing where there is none."""
+    try:
+        frames = json.loads(manifest.read_text())["frames"]
+        return {frame["settings_sha256"]: frame["seconds"] for frame in frames}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
