@@ -2,7 +2,7 @@
 
 import typer
 
-from coslobe.cli import devices, tables
+from coslobe.cli import check, devices, render, schema, tables
 from coslobe.core.version import VERSION
 
 app = typer.Typer(
@@ -30,6 +30,9 @@ def _options(
 
 
 app.add_typer(tables.app, name="tables")
+app.command()(render.render)
+app.command()(check.check)
+app.command()(schema.schema)
 app.command()(devices.devices)
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from coslobe.core import cache
 from coslobe.core.errors import NoDevice
+from coslobe.core.files import sha256
 from coslobe.core.progress import SILENT, Progress
 from coslobe.render.gbuffer import RayCaster
 from coslobe.render.scene import Object, Plane, Scene
@@ -32,12 +34,18 @@ class Assets:
         Where spheres are fitted; not needed where all sphere sets are read from files.
     progress : Progress
         Hears of fits, and of sphere files that belong to another mesh.
+
+    Attributes
+    ----------
+    inputs : dict
+        SHA-256 by path of every file that `contents` has looked at.
     """
 
     def __init__(self, device: "Device | None", progress: Progress = SILENT) -> None:
         self._device = device
         self._progress = progress
         self._made: dict[Any, Any] = {}
+        self.inputs: dict[str, str] = {}
 
     def mesh(self, obj: Object) -> Mesh:
         """The object's triangles; a plane is its grid, two triangles per cell.
@@ -68,6 +76,23 @@ class Assets:
             The set has to be fitted and there is no device.
         """
         return self._once(("spheres", obj.mesh, obj.spheres), lambda: self._load_spheres(obj))
+
+    def spheres_source(self, obj: Object) -> str:
+        """Where the sphere set of a mesh comes from, in words."""
+        spheres = obj.spheres
+        if spheres.file is not None:
+            return f"read from {spheres.file}"
+        return f"{spheres.count} to be fitted, unless they are in the cache"
+
+    def contents(self, obj: Object) -> dict[str, Any]:
+        """The keys of the object that name files, with the SHA-256 of what is in the files instead."""
+        if obj.mesh is None:
+            return {}
+        mesh, spheres = self.mesh(obj), obj.spheres.model_dump()
+        self.inputs[mesh.file] = mesh.sha256
+        if file := obj.spheres.file:
+            spheres["file"] = self.inputs[file] = self._once(("hash", file), lambda: sha256(Path(file)))
+        return {"mesh": mesh.sha256, "spheres": spheres}
 
     def _load_spheres(self, obj: Object) -> SphereSet:
         mesh, spheres = self.mesh(obj), obj.spheres

@@ -4,7 +4,7 @@ The attribute docstrings are the user's documentation: `coslobe schema` shows th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -398,7 +398,8 @@ def _overridden(document: Document, override: str) -> Document:
     except InvalidInput as error:
         raise UsageError(str(error), "write the value as in the scene file") from error
     places = {place: at for place, at in document.places.items() if place[: len(path)] != path}
-    return Document(document.name, put(document.data, path, value), {**places, path: f"--set {override}"})
+    places[path] = f"--set {override}"
+    return replace(document, data=put(document.data, path, value), places=places)
 
 
 def _dangling_materials(data: dict[str, Any]) -> list[Problem]:

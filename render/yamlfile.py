@@ -1,5 +1,6 @@
 """YAML files as plain data in which every value still knows its line and column."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,14 @@ class Document:
     places : dict
         "file:line:column" of the key (in a list: of the item) per key path, in the file's order; the root
         has the path ().
+    sha256 : str
+        Of the text.
     """
 
     name: str
     data: Any
     places: dict[KeyPath, str]
+    sha256: str
 
     def nearest(self, path: KeyPath) -> KeyPath:
         """`path` itself where it was written, else the nearest part around it that was."""
@@ -79,7 +83,8 @@ def parse_yaml(text: str, name: str) -> Document:
         raise InvalidInput(f"{name}:1:1: not valid YAML: {' '.join(str(error).split())}") from error
     except RecursionError as error:
         raise InvalidInput(f"{name}:1:1: nested too deeply") from error
-    return Document(name, data, {**reader.places, (): f"{name}:1:1"})
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return Document(name, data, {**reader.places, (): f"{name}:1:1"}, digest)
 
 
 class _Reader:

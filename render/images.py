@@ -1,0 +1,143 @@
+"""Pictures: the one writer and reader of EXR files, and the PNG preview."""
+
+import contextlib
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from coslobe.core.errors import CoslobeError, InvalidInput
+from coslobe.core.files import atomic_path
+
+BEAUTY = "beauty"  # the layer whose channels are plain R, G, B
+PREFIX = "coslobe:"  # of our own attributes
+
+# x and y of red, green, blue and white: Rec.709, D65.
+_REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+
+_XYZ = ("normal", "position")
+
+
+def write_exr(path: Path, layers: Mapping[str, ArrayLike], attributes: Mapping[str, str | int]) -> None:
+    """Write linear Rec.709 layers as float32 with ZIP compression, atomically.
+
+    Parameters
+    ----------
+    layers : dict of arrays [h, w] or [h, w, 3]
+        "beauty" becomes R, G, B; another three-channel layer NAME.R/G/B (normal and position: NAME.X/Y/Z); a
+        one-channel layer NAME.V (depth: depth.Z).
+    attributes : dict
+        Stored as "coslobe:NAME". The file holds no times: equal arguments give equal bytes.
+
+    Raises
+    ------
+    CoslobeError
+        A value is NaN or infinite in float32, or the file cannot be written.
+    """
+    import OpenEXR
+
+    channels: dict[str, NDArray[np.float32]] = {}
+    for layer, values in layers.items():
+        with np.errstate(over="ignore"):
+            pixels = np.asarray(values).astype(np.float32)
+        _refuse_nonfinite(path, layer, pixels)
+        names = _channel_names(layer, pixels.ndim)
+        planes = [pixels] if pixels.ndim == 2 else np.moveaxis(pixels, -1, 0)
+        # OpenEXR writes the wrong pixels of arrays that are not contiguous, without an error.
+        channels |= {name: np.ascontiguousarray(plane) for name, plane in zip(names, planes, strict=True)}
+    header: dict[str, Any] = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "chromaticities": _REC_709,
+        "colorInteropID": "lin_rec709_scene",
+        **{PREFIX + name: value for name, value in attributes.items()},
+    }
+    with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
+        file.write(str(temporary))
+
+
+def read_exr(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+    """The layers of an EXR file under the names of `write_exr`, and its "coslobe:" attributes.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be read.
+    """
+    channels, attributes = _read(path, header_only=False)
+    groups: dict[str, dict[str, Any]] = {}
+    for name, channel in channels.items():
+        layer, _, component = name.rpartition(".")
+        groups.setdefault(layer or BEAUTY, {})[component] = channel.pixels
+    layers = {}
+    for layer, planes in groups.items():
+        names = _channel_names(layer, 3 if len(planes) == 3 else 2)
+        order = [name.rpartition(".")[2] for name in names]
+        if set(order) != set(planes) or any(pixels is None for pixels in planes.values()):
+            raise InvalidInput(f"{path}: layer {layer} cannot be read", "render the frame again")
+        layers[layer] = (
+            np.stack([planes[name] for name in order], axis=-1) if len(order) == 3 else planes[order[0]]
+        )
+    return layers, attributes
+
+
+def read_attributes(path: Path) -> dict[str, Any]:
+    """The "coslobe:" attributes of an EXR file, without its pixels. Errors as in `read_exr`."""
+    return _read(path, header_only=True)[1]
+
+
+def _read(path: Path, *, header_only: bool) -> tuple[dict[str, Any], dict[str, Any]]:
+    import OpenEXR
+
+    try:
+        # OpenEXR prints its warnings to stdout, which belongs to results.
+        with (
+            contextlib.redirect_stdout(sys.stderr),
+            OpenEXR.File(str(path), separate_channels=True, header_only=header_only) as file,
+        ):
+            header = dict(file.header())
+            channels = {} if header_only else dict(file.channels())
+    except (RuntimeError, ValueError, TypeError) as error:
+        raise InvalidInput(
+            f"{path}: cannot be read as an EXR file ({error})", "render the frame again"
+        ) from error
+    return channels, {
+        key.removeprefix(PREFIX): value for key, value in header.items() if key.startswith(PREFIX)
+    }
+
+
+def _channel_names(layer: str, dimensions: int) -> list[str]:
+    if dimensions == 2:
+        return [f"{layer}.Z" if layer == "depth" else f"{layer}.V"]
+    if layer == BEAUTY:
+        return ["R", "G", "B"]
+    return [f"{layer}.{component}" for component in ("XYZ" if layer in _XYZ else "RGB")]
+
+
+def _refuse_nonfinite(path: Path, layer: str, pixels: NDArray[np.float32]) -> None:
+    bad = ~np.isfinite(pixels.reshape(*pixels.shape[:2], -1)).all(axis=-1)
+    if bad.any():
+        row, column = np.argwhere(bad)[0]
+        raise CoslobeError(
+            f"{path}: not written: {bad.sum()} pixels of {layer} are not finite, the first in row {row}, "
+            f"column {column}",
+            "look for extreme sizes, distances or radiances in the scene; report it if there are none",
+        )
+
+
+def write_png(path: Path, rgb: ArrayLike) -> None:
+    """Write linear Rec.709 radiance [h, w, 3] as an 8-bit sRGB picture, exposure 1, clipped; atomically."""
+    from PIL import Image
+
+    pixels = np.rint(srgb(rgb) * 255).astype(np.uint8)
+    with atomic_path(path) as temporary:
+        Image.fromarray(pixels).save(temporary)
+
+
+def srgb(linear: ArrayLike) -> NDArray[np.float64]:
+    """Encode linear values with the sRGB curve (IEC 61966-2-1), clipped to [0, 1]."""
+    x = np.clip(np.asarray(linear, np.float64), 0, 1)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)

@@ -1,0 +1,239 @@
+"""Frames in order: rendering what is not there yet, and what is written beside the pictures.
+
+How light is computed is the business of a lighting method; here it is only called.
+"""
+
+import json
+import platform
+import time
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core.device import Device
+from coslobe.core.errors import CoslobeError
+from coslobe.core.files import remove_leftovers, write_json
+from coslobe.core.progress import SILENT, Progress
+from coslobe.core.version import VERSION
+from coslobe.render.assets import Assets, world_blockers
+from coslobe.render.gbuffer import GBuffer, trace_gbuffer
+from coslobe.render.images import BEAUTY, write_exr, write_png
+from coslobe.render.methods import create_method
+from coslobe.render.plan import PlannedFrame, check_layers, plan_frames
+from coslobe.render.scene import Scene, SceneFile
+from coslobe.render.video import find_ffmpeg, write_video
+
+if TYPE_CHECKING:
+    from coslobe.render.methods.base import Method
+
+
+def render_sequence(
+    scene_file: SceneFile,
+    out_dir: Path,
+    *,
+    frames: Sequence[int],
+    device: Device,
+    layers: Sequence[str] = (),
+    resume: bool = True,
+    progress: Progress = SILENT,
+) -> dict[str, Any]:
+    """Render `frames` into `out_dir`: frames/beauty.0000.exr and .png, manifest.json, sequence.mp4.
+
+    A frame that is there with the same settings is left as it is (unless `resume` is off). An interruption
+    leaves the finished frames and a manifest of them.
+
+    Returns
+    -------
+    dict
+        The JSON document of `coslobe render` (see docs/commands.md).
+
+    Raises
+    ------
+    InvalidInput
+        The scene is wrong at one of the frames, or a file that it names cannot be used.
+    CoslobeError
+        A picture cannot be written, or would hold NaN or infinite values.
+    """
+    layers = check_layers(layers)
+    folder = out_dir / "frames"
+    assets = Assets(device, progress)
+    plan = plan_frames(
+        scene_file, folder, frames, device=device.info, layers=layers, resume=resume, assets=assets
+    )
+    remove_leftovers(out_dir)
+    remove_leftovers(folder)
+    renderer = _Renderer(scene_file, assets, device, layers, progress)
+    records: list[dict[str, Any]] = []
+    try:
+        with progress.task("rendering", len(plan)) as advance:
+            for planned in plan:
+                records.append(_record(planned) if planned.done else renderer.render(planned))
+                advance(1, f"{renderer.frames_per_second:.1f} frames/s")
+    finally:
+        if records:
+            _write_manifest(out_dir, scene_file, assets, device, layers, plan, records)
+    if len(plan) > 1:
+        _write_video(out_dir / "sequence.mp4", plan, scene_file.fps, progress)
+    return {
+        "frames": records,
+        "device": device.describe(),
+        "build_seconds": renderer.build_seconds,
+        "skipped": dict(renderer.skipped),
+    }
+
+
+class _Renderer:
+    """Renders frame after frame; keeps what they have in common, and sums up what the method reports."""
+
+    def __init__(
+        self, scene_file: SceneFile, assets: Assets, device: Device, layers: Sequence[str], progress: Progress
+    ) -> None:
+        self.build_seconds = 0.0
+        self.skipped: Counter[str] = Counter()
+        self._scene_file = scene_file
+        self._assets = assets
+        self._device = device
+        self._layers = layers
+        self._progress = progress
+        self._method: Method | None = None
+        self._gbuffer: GBuffer | None = None
+        self._seen: Any = None
+        self._frames, self._seconds = 0, 0.0
+
+    @property
+    def frames_per_second(self) -> float:
+        """Of the frames rendered so far, everything included; 0 before the first."""
+        return self._frames / self._seconds if self._frames else 0.0
+
+    def render(self, planned: PlannedFrame) -> dict[str, Any]:
+        """Render and write one frame; its record."""
+        start = time.perf_counter()
+        scene = self._scene_file.at(planned.index)
+        gbuffer = self._visible(scene)
+        gbuffer_seconds = time.perf_counter() - start
+        blockers = world_blockers(scene, self._assets)
+        if self._method is None:
+            self._method = create_method(scene.shading.method, self._device, self._progress)
+        shading = self._method.shade(scene, gbuffer, blockers)
+        self.build_seconds += shading.build_seconds
+        self.skipped.update(shading.skipped)
+        _write_pictures(planned, gbuffer, shading.radiance, self._layers)
+        seconds = time.perf_counter() - start
+        self._frames, self._seconds = self._frames + 1, self._seconds + seconds
+        return _record(planned, len(gbuffer.position), shading.kernel_seconds, gbuffer_seconds, seconds)
+
+    def _visible(self, scene: Scene) -> GBuffer:
+        """The shaded points, traced again only where the camera or an object has changed."""
+        seen = (scene.camera, scene.image, scene.objects, list(scene.materials))
+        if self._gbuffer is None or seen != self._seen:
+            self._gbuffer, self._seen = trace_gbuffer(scene, self._assets), seen
+        return self._gbuffer
+
+
+def _record(
+    planned: PlannedFrame,
+    points: int | None = None,
+    kernel_seconds: float | None = None,
+    gbuffer_seconds: float | None = None,
+    seconds: float | None = None,
+) -> dict[str, Any]:
+    """The entry of one frame in the JSON document; a frame that was there already has no times."""
+    return {
+        "index": planned.index,
+        "file": planned.exr,
+        "points": planned.points if planned.done else points,
+        "kernel_seconds": kernel_seconds,
+        "gbuffer_seconds": gbuffer_seconds,
+        "seconds": seconds,
+        "resumed": planned.done,
+    }
+
+
+def _write_pictures(
+    planned: PlannedFrame, gbuffer: GBuffer, radiance: NDArray, layers: Sequence[str]
+) -> None:
+    """The frame's two files. The preview goes first and comes last: where it is, both are new."""
+    pictures = {BEAUTY: gbuffer.image(radiance), **{name: _layer(gbuffer, name) for name in layers}}
+    attributes = {
+        "version": VERSION,
+        "config_sha256": planned.settings,
+        "frame": planned.index,
+        "points": len(gbuffer.position),
+    }
+    planned.png.unlink(missing_ok=True)
+    write_exr(planned.exr, pictures, attributes)
+    write_png(planned.png, pictures[BEAUTY])
+
+
+def _layer(gbuffer: GBuffer, name: str) -> NDArray:
+    """What the first sample of each pixel hit: averages of indices or normals would mean nothing."""
+    if name == "object":
+        return gbuffer.first_image(gbuffer.object.astype(np.float32), background=-1)
+    values = {"normal": gbuffer.shading_normal, "position": gbuffer.position, "depth": gbuffer.depth}
+    return gbuffer.first_image(values[name], background=0)
+
+
+def _write_manifest(
+    out_dir: Path,
+    scene_file: SceneFile,
+    assets: Assets,
+    device: Device,
+    layers: Sequence[str],
+    plan: Sequence[PlannedFrame],
+    records: Sequence[dict[str, Any]],
+) -> None:
+    """What went into the pictures. Frames from earlier runs keep the times that they took then."""
+    path = out_dir / "manifest.json"
+    earlier = _earlier_seconds(path)
+    scene = {"file": scene_file.path, "sha256": scene_file.document.sha256}
+    files = [{"file": file, "sha256": digest} for file, digest in assets.inputs.items()]
+    frames = []
+    for planned, record in zip(plan, records, strict=False):  # an interruption leaves fewer records
+        seconds = earlier.get(planned.settings) if planned.done else record["seconds"]
+        part = {"index": planned.index, "file": planned.exr, "settings_sha256": planned.settings}
+        frames.append({**part, "seconds": seconds})
+    document = {
+        "inputs": [scene, *files],
+        "settings": scene_file.data,
+        "layers": list(layers),
+        "device": device.describe(),
+        "versions": _versions(),
+        "frames": frames,
+    }
+    write_json(path, document)
+
+
+def _versions() -> dict[str, str]:
+    versions = {"coslobe": VERSION, "python": platform.python_version()}
+    for package in ("numpy", "open3d", "open3d-cpu", "OpenEXR", "pyopencl"):
+        with suppress(PackageNotFoundError):
+            versions[package] = version(package)
+    return versions
+
+
+def _earlier_seconds(manifest: Path) -> dict[str, float]:
+    """Seconds per settings hash in the manifest of an earlier run; nothing where there is none."""
+    try:
+        return {
+            frame["settings_sha256"]: frame["seconds"] for frame in json.loads(manifest.read_text())["frames"]
+        }
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _write_video(path: Path, plan: Sequence[PlannedFrame], fps: float, progress: Progress) -> None:
+    """The frames as a video, where ffmpeg is found; the pictures are what counts, so it never fails a run."""
+    ffmpeg = find_ffmpeg()
+    if ffmpeg is None:
+        progress.say("no video: ffmpeg is not installed")
+        return
+    try:
+        write_video(path, [planned.png for planned in plan], fps, ffmpeg)
+    except CoslobeError as error:
+        progress.say(f"no video: {error}")
