@@ -1,0 +1,131 @@
+/* The visibility mask: ROWS x ROWS bits over the square that circumscribes the light's cone, at distance 1 along
+   the frame's third axis, |x|, |y| <= h. Bit c of row r is the cell centred at x = ((c + 1/2) 2 / ROWS - 1) h and
+   y = ((r + 1/2) 2 / ROWS - 1) h; 1 means blocked. Twins: coslobe.render.mask. */
+
+/* A frame (t, u, a) around the unit vector a (Duff et al. 2017), turned by the angle whose cosine and sine are given. */
+inline void frame_around(float3 a, float cosine, float sine, float3 *t, float3 *u)
+{
+    const float sign = copysign(1.0f, a.z);
+    const float k = -1.0f / (sign + a.z), b = a.x * a.y * k;
+    const float3 t0 = (float3)(1.0f + sign * a.x * a.x * k, sign * b, -sign * a.x);
+    const float3 u0 = (float3)(b, sign + a.y * a.y * k, -a.y);
+    *t = cosine * t0 + sine * u0;
+    *u = cosine * u0 - sine * t0;
+}
+
+/* y of the rows of vector k, for h = 1. */
+inline rf row_centres(int k)
+{
+    return (row_numbers() + (k * RW + 0.5f)) * (2.0f / ROWS) - 1.0f;
+}
+
+/* The bits of cells from `low` to `high` (in cell units, 0 at the left edge) where `valid`. FIRST and LAST round by
+   the mask's mode: a cell counts where its centre, all of it, or any of it is covered. */
+inline ru interval_bits(rf low, rf high, ri valid)
+{
+    const ri first = TO_RI(ceil(clamp(low + FIRST, 0.0f, (float)ROWS)));
+    const ri last = TO_RI(floor(clamp(high + LAST, -1.0f, ROWS - 1.0f)));
+    const ru bits = ((ru)(0xffffffffu) << AS_RU(first & 31)) & ((ru)(0xffffffffu) >> AS_RU((31 - last) & 31));
+    return bits & AS_RU(valid & (last >= first));
+}
+
+/* Mark what a sphere covers. o = (ox, oy, oz) is its centre in the mask's frame, tau = max(|o|^2 - r^2, 0) the
+   square of the tangent's length, rho2 = min(r^2, |o|^2): a point inside a sphere sees it as a half-space.
+   Per row (o.p)^2 >= tau |p|^2 with p = (x, y, 1) is a quadratic in x. Its discriminant is written as
+   tau (rho2 (y^2 + 1) - (oy - oz y)^2), which does not cancel for small caps (theory, section 5). */
+inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float tau, float rho2)
+{
+    const float a2 = ox * ox - tau;
+    const float cells = 0.5f * ROWS / h;
+    const float half_row = 0.5f * ROWS;
+    if (a2 < -0.25f * (tau + rho2)) { /* an ellipse within reach: one interval a row */
+        const float inverse = cells / a2;
+        for (int k = 0; k < NR; k++) {
+            const rf y = row_centres(k) * h;
+            const rf u = oy * y + oz, b = ox * u, c = oy - oz * y;
+            const rf disc = tau * (rho2 * (y * y + 1.0f) - c * c);
+            const rf root = sqrt(fmax(disc, 0.0f));
+            mask[k] |= interval_bits((root - b) * inverse + half_row, (-b - root) * inverse + half_row,
+                                     (disc > 0.0f) & (u > 0.0f));
+        }
+        return;
+    }
+    /* A large cap, whose outline may leave the plane: roots in the form that survives a2 = 0. */
+    for (int k = 0; k < NR; k++) {
+        const rf y = row_centres(k) * h;
+        const rf u = oy * y + oz, b = ox * u, c = oy - oz * y;
+        const rf disc = tau * (rho2 * (y * y + 1.0f) - c * c);
+        const rf root = sqrt(fmax(disc, 0.0f));
+        const rf q = -(b + copysign(root, b));
+        const rf product = u * u - tau * (y * y + 1.0f); /* a2 x1 x2 */
+        const rf safe = select(q, (rf)(1e-30f), q == 0.0f);
+        const rf x1 = q / (a2 == 0.0f ? -1e-30f : a2), x2 = product / safe;
+        const rf lower = fmin(x1, x2), upper = fmax(x1, x2);
+        rf low, high;
+        ri valid;
+        if (a2 < 0.0f) {
+            low = lower;
+            high = upper;
+            valid = (disc > 0.0f) & (u > 0.0f);
+        } else { /* the cap contains the direction (+-1, 0, 0): one ray, on the side of o */
+            low = ox > 0.0f ? upper : (rf)(-INFINITY);
+            high = ox > 0.0f ? (rf)(INFINITY) : lower;
+            valid = (ri)(-1);
+        }
+        mask[k] |= interval_bits(low * cells + half_row, high * cells + half_row, valid);
+    }
+}
+
+/* Mark what lies below the plane with normal n (in the mask's frame). */
+inline void splat_horizon(ru *mask, float h, float3 n)
+{
+    const float cells = 0.5f * ROWS / h;
+    for (int k = 0; k < NR; k++) {
+        const rf height = n.y * row_centres(k) * h + n.z;
+        if (fabs(n.x) * h > 1e-6f * fabs(n.z)) {
+            const rf edge = -height / n.x * cells + 0.5f * ROWS;
+            const rf low = n.x > 0.0f ? (rf)(-INFINITY) : edge, high = n.x > 0.0f ? edge : (rf)(INFINITY);
+            mask[k] |= interval_bits(low, high, (ri)(-1));
+        } else {
+            mask[k] |= interval_bits((rf)(-INFINITY), (rf)(INFINITY), height < 0.0f);
+        }
+    }
+}
+
+/* Mark those cells of `candidates` where the ray enters a sphere before the light: for blockers that reach into the
+   range of depths that the light's surface spans. (centre distance d to the light, its tangent length squared.) */
+inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, float oy, float oz, float tau,
+                             float d, float light_tau)
+{
+    for (int k = 0; k < NR; k++) {
+        const rf y = row_centres(k) * h;
+        for (int c = 0; c < ROWS; c++) {
+            const float x = ((c + 0.5f) * (2.0f / ROWS) - 1.0f) * h;
+            const rf inverse = rsqrt(x * x + y * y + 1.0f);
+            const rf along = (ox * x + oy * y + oz) * inverse;
+            const rf entry = along - sqrt(fmax(along * along - tau, 0.0f));
+            const rf light_along = d * inverse;
+            const rf light_entry = light_along - sqrt(fmax(light_along * light_along - light_tau, 0.0f));
+            mask[k] |= candidates[k] & AS_RU(entry < light_entry) & (1u << c);
+        }
+    }
+}
+
+/* Number of set bits and the sums of column positions and of y over them: six bit counts a row instead of a
+   loop over cells. x and y in the frame's units. */
+inline float3 bit_moments(const ru *bits, float h)
+{
+    rf count = 0.0f, column = 0.0f, row = 0.0f;
+    for (int k = 0; k < NR; k++) {
+        const ru b = bits[k];
+        const rf n = TO_RF(popcount(b));
+        const ru positions = popcount(b & 0xaaaaaaaau) + 2 * popcount(b & 0xccccccccu) + 4 * popcount(b & 0xf0f0f0f0u)
+                           + 8 * popcount(b & 0xff00ff00u) + 16 * popcount(b & 0xffff0000u);
+        count += n;
+        column += TO_RF(positions);
+        row += n * row_centres(k);
+    }
+    const float n = row_sum(count);
+    const float x = (row_sum(column) + 0.5f * n) * (2.0f / ROWS) - n;
+    return (float3)(n, x * h, row_sum(row) * h);
+}

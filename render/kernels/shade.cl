@@ -1,0 +1,344 @@
+/* Direct light at one point per work-item: closed forms where nothing blocks, bits where something does. */
+
+/* A light as a point sees it: unit axis a, distance d of the centre, sine and cosine of the cap's half-angle,
+   depth = 1 - cosine, tau = square of the tangent's length, near = distance of its nearest point. */
+typedef struct {
+    float3 a;
+    float d, sine, cosine, depth, tau, near;
+} cap_t;
+
+typedef struct {
+    __global const float *x, *y, *z, *radius, *outside;
+    __global const int *owner;
+    __global const float *group_x, *group_y, *group_z, *group_radius;
+    int n_groups; /* a multiple of VW; a group holds GROUP spheres */
+} blockers_t;
+
+typedef struct {
+    float3 position, geometric, shading, mirror;
+    int object;
+    float cosine, sine; /* of the angle by which its masks are turned */
+} receiver_t;
+
+enum { LIT = 0, PARTIAL = 1, DARK = 2 };
+
+/* Lanes whose sphere (centre o from the point, radius r) may block the cap (theory, section 7). rho is the radius,
+   but at most the distance: inside a sphere the blocked cap is a half-space. */
+inline vi meets_cap(const cap_t *cap, vf along, vf d2, vf r, vf *tangent, vf *rho)
+{
+    *tangent = sqrt(fmax(d2 - r * r, 0.0f));
+    *rho = sqrt(fmin(r * r, d2));
+    const vf farthest = sqrt(cap->tau) + r; /* a sphere that starts behind the light's outline blocks nothing */
+    return (along > cap->cosine * *tangent - cap->sine * *rho) & (d2 < farthest * farthest) & (r > 0.0f);
+}
+
+/* Which part of the light the spheres leave: fills `mask` (cleared by the caller, who may have put the horizon in)
+   and returns LIT, PARTIAL or DARK. *splats counts the spheres rasterised. */
+inline int visibility(const blockers_t *blockers, const receiver_t *receiver, const cap_t *cap, int light,
+                      float3 *t, float3 *u, int framed, ru *mask, uint *splats)
+{
+    const float3 p = receiver->position, a = cap->a, n = receiver->geometric;
+    const float h = cap->sine / cap->cosine;
+    int state = framed ? PARTIAL : LIT;
+    for (int g = 0; g < blockers->n_groups; g += VW) {
+        vf tangent, rho;
+        const vf gx = VF_LOAD(blockers->group_x + g) - p.x, gy = VF_LOAD(blockers->group_y + g) - p.y;
+        const vf gz = VF_LOAD(blockers->group_z + g) - p.z;
+        const vf gr = VF_LOAD(blockers->group_radius + g), g2 = gx * gx + gy * gy + gz * gz;
+        vi near = meets_cap(cap, gx * a.x + gy * a.y + gz * a.z, g2, gr, &tangent, &rho);
+        near |= (g2 < gr * gr) & (gr > 0.0f); /* inside a group its spheres may be anywhere */
+        if (!any(near))
+            continue;
+        int chosen[VW];
+        VI_STORE(near, chosen);
+        for (int q = 0; q < VW; q++) {
+            if (!chosen[q])
+                continue;
+            for (int s = (g + q) * GROUP; s < (g + q + 1) * GROUP; s += VW) {
+                const vf ox = VF_LOAD(blockers->x + s) - p.x, oy = VF_LOAD(blockers->y + s) - p.y;
+                const vf oz = VF_LOAD(blockers->z + s) - p.z, r = VF_LOAD(blockers->radius + s);
+                const vf along = ox * a.x + oy * a.y + oz * a.z, d2 = ox * ox + oy * oy + oz * oz;
+                vi meets = meets_cap(cap, along, d2, r, &tangent, &rho);
+                if (!any(meets))
+                    continue;
+                const vi owner = CAT(vload, VW)(0, blockers->owner + s);
+                const vf height = ox * n.x + oy * n.y + oz * n.z;
+                /* The rule for a receiver's own spheres, which bulge above its surface (docs/theory.md). */
+                const vf limit = r + VF_LOAD(blockers->outside + s) * clamp(0.25f - height / r, 0.0f, 1.0f);
+                meets &= ((owner != receiver->object) | ((height > -r) & (d2 >= limit * limit)));
+                meets &= owner != EMITTER_OWNER(light);
+                if (!any(meets))
+                    continue;
+                if (any(meets & (along > cap->cosine * tangent + cap->sine * rho) & (rho * rho > cap->sine * cap->sine * d2)
+                        & (tangent < cap->near)))
+                    return DARK;
+                if (!framed) {
+                    frame_around(a, receiver->cosine, receiver->sine, t, u);
+                    framed = 1;
+                }
+                state = PARTIAL;
+                int on[VW];
+                float fx[VW], fy[VW], fz[VW], tau[VW], rho2[VW];
+                VI_STORE(meets, on);
+                VF_STORE(ox * t->x + oy * t->y + oz * t->z, fx);
+                VF_STORE(ox * u->x + oy * u->y + oz * u->z, fy);
+                VF_STORE(along, fz);
+                VF_STORE(tangent * tangent, tau);
+                VF_STORE(rho * rho, rho2);
+                for (int l = 0; l < VW; l++) {
+                    if (!on[l])
+                        continue;
+                    ++*splats;
+                    if (tau[l] <= cap->near * cap->near) {
+                        splat_sphere(mask, h, fx[l], fy[l], fz[l], tau[l], rho2[l]);
+                    } else {
+                        ru touched[NR];
+                        for (int k = 0; k < NR; k++)
+                            touched[k] = 0;
+                        splat_sphere(touched, h, fx[l], fy[l], fz[l], tau[l], rho2[l]);
+                        splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], tau[l], cap->d, cap->tau);
+                    }
+                }
+            }
+        }
+    }
+    return state;
+}
+
+/* Sums over the cells of the light's disk: solid angle (x), with the cosine over all (y) and lit cells (z). */
+inline float3 diffuse_cells(const ru *lit, __constant uint *disk, float h, float3 n)
+{
+    rf solid = 0.0f, all = 0.0f, some = 0.0f;
+    for (int k = 0; k < NR; k++) {
+        const rf y = row_centres(k) * h;
+        const ru inside = RU_LOAD(k, disk);
+        for (int c = 0; c < ROWS; c++) {
+            const float x = ((c + 0.5f) * (2.0f / ROWS) - 1.0f) * h;
+            const rf inverse = rsqrt(x * x + y * y + 1.0f);
+            const rf omega = select((rf)(0.0f), inverse * inverse * inverse, AS_RI(inside << (31 - c)));
+            const rf value = omega * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
+            solid += omega;
+            all += value;
+            some += select((rf)(0.0f), value, AS_RI(lit[k] << (31 - c)));
+        }
+    }
+    return (float3)(row_sum(solid), row_sum(all), row_sum(some));
+}
+
+/* The same sums with a lobe of exponent e around the unit vector r in place of nothing. */
+inline float3 glossy_cells(const ru *lit, __constant uint *disk, float h, float3 n, float3 r, float e)
+{
+    rf solid = 0.0f, all = 0.0f, some = 0.0f;
+    for (int k = 0; k < NR; k++) {
+        const rf y = row_centres(k) * h;
+        const ru inside = RU_LOAD(k, disk);
+        for (int c = 0; c < ROWS; c++) {
+            const float x = ((c + 0.5f) * (2.0f / ROWS) - 1.0f) * h;
+            const rf inverse = rsqrt(x * x + y * y + 1.0f);
+            const rf omega = select((rf)(0.0f), inverse * inverse * inverse, AS_RI(inside << (31 - c)));
+            const rf dx = x * inverse - r.x, dy = y * inverse - r.y, dz = inverse - r.z;
+            const rf lobe = lobe_rows(0.5f * (dx * dx + dy * dy + dz * dz), e);
+            const rf value = omega * lobe * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
+            solid += omega;
+            all += value;
+            some += select((rf)(0.0f), value, AS_RI(lit[k] << (31 - c)));
+        }
+    }
+    return (float3)(row_sum(solid), row_sum(all), row_sum(some));
+}
+
+/* Does any sphere block the unit direction l before the light is entered at `reach`? */
+inline int blocked(const blockers_t *blockers, const receiver_t *receiver, int light, float3 l, float reach)
+{
+    const float3 p = receiver->position;
+    for (int g = 0; g < blockers->n_groups; g++) {
+        const float3 go = (float3)(blockers->group_x[g], blockers->group_y[g], blockers->group_z[g]) - p;
+        const float gr = blockers->group_radius[g], g_along = dot(go, l);
+        if (gr <= 0.0f || g_along < -gr || dot(go, go) - g_along * g_along > gr * gr)
+            continue;
+        for (int s = g * GROUP; s < (g + 1) * GROUP; s++) {
+            const float r = blockers->radius[s];
+            const int owner = blockers->owner[s];
+            if (r <= 0.0f || owner == EMITTER_OWNER(light))
+                continue;
+            const float3 o = (float3)(blockers->x[s], blockers->y[s], blockers->z[s]) - p;
+            const float along = dot(o, l), d2 = dot(o, o), tau = fmax(d2 - r * r, 0.0f);
+            if (along <= 0.0f || along * along < tau || along - sqrt(along * along - tau) >= reach)
+                continue;
+            if (owner == receiver->object) {
+                const float height = dot(receiver->geometric, o);
+                const float limit = r + blockers->outside[s] * clamp(0.25f - height / r, 0.0f, 1.0f);
+                if (height <= -r || d2 < limit * limit)
+                    continue;
+            }
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Diffuse and glossy integrals for a light so near or so large that no plane holds its cone: directions in an
+   equal-area map of the cap (or, inside the light, of the hemisphere), each tested against every blocker. */
+inline float2 wide_light(const blockers_t *blockers, const receiver_t *receiver, const cap_t *cap, int light,
+                         int inside, int glossy, float e)
+{
+    const float3 axis = inside ? receiver->geometric : cap->a, n = receiver->shading;
+    const float depth = inside ? 1.0f : cap->depth;
+    float3 t, u;
+    frame_around(axis, receiver->cosine, receiver->sine, &t, &u);
+    float diffuse = 0.0f, lobe = 0.0f;
+    for (int k = 0; k < WIDE_RINGS; k++) {
+        const float below = (k + 0.5f) * (depth / WIDE_RINGS);
+        const float z = 1.0f - below, rim = sqrt(fmax(below * (2.0f - below), 0.0f));
+        for (int c = 0; c < WIDE_SECTORS; c++) {
+            float sine;
+            const float cosine = sincos_turn((c + 0.5f) / WIDE_SECTORS, &sine);
+            const float3 l = rim * (cosine * t + sine * u) + z * axis;
+            const float ns = dot(n, l);
+            if (ns <= 0.0f || dot(receiver->geometric, l) <= 0.0f)
+                continue;
+            float reach = 0.0f;
+            if (!inside) {
+                const float along = cap->d * dot(cap->a, l);
+                reach = along - sqrt(fmax(along * along - cap->tau, 0.0f));
+            }
+            if (reach > 0.0f && blockers->n_groups > 0 && blocked(blockers, receiver, light, l, reach))
+                continue;
+            diffuse += ns;
+            if (glossy) {
+                const float3 gap = l - receiver->mirror;
+                const float q = 0.5f * dot(gap, gap);
+                lobe += q < 1.0f ? ns * exp(e * log1p(-q)) : 0.0f;
+            }
+        }
+    }
+    return (float2)(diffuse, lobe) * (2.0f * M_PI_F * depth / (WIDE_RINGS * WIDE_SECTORS));
+}
+
+__kernel void shade(__global const point_t *points, const int n_points, const float eye_x, const float eye_y,
+                    const float eye_z, __global const material_t *materials, __global const float4 *slices,
+                    __global const light_t *lights, const int n_lights, __global const float *x,
+                    __global const float *y, __global const float *z, __global const float *radius,
+                    __global const float *outside, __global const int *owner, __global const float *group_x,
+                    __global const float *group_y, __global const float *group_z,
+                    __global const float *group_radius, const int n_groups, __constant uint *disk,
+                    __global float *radiance, __global stats_t *stats)
+{
+    const int i = get_global_id(0);
+    if (i >= n_points)
+        return;
+    const point_t point = points[i];
+    const material_t material = materials[point.material];
+    const blockers_t blockers = {x, y, z, radius, outside, owner, group_x, group_y, group_z, group_radius, n_groups};
+    receiver_t receiver;
+    receiver.position = (float3)(point.position[0], point.position[1], point.position[2]);
+    receiver.geometric = (float3)(point.geometric[0], point.geometric[1], point.geometric[2]);
+    receiver.shading = (float3)(point.shading[0], point.shading[1], point.shading[2]);
+    receiver.object = point.object;
+    receiver.cosine = sincos_turn(point.turn, &receiver.sine);
+    const float3 n = receiver.shading;
+    const float3 view = normalize((float3)(eye_x, eye_y, eye_z) - receiver.position);
+    receiver.mirror = 2.0f * dot(n, view) * n - view;
+    const float3 kd = (float3)(material.kd[0], material.kd[1], material.kd[2]);
+    const float3 ks = (float3)(material.ks[0], material.ks[1], material.ks[2]);
+    const float e = material.exponent;
+    const int glossy = GLOSSY && material.slice >= 0;
+
+    float3 sum = 0.0f;
+    stats_t count = {0, 0, 0, 0, 0};
+    for (int j = 0; j < n_lights; j++) {
+        const light_t light = lights[j];
+        const float3 to_light = (float3)(light.center[0], light.center[1], light.center[2]) - receiver.position;
+        const float d2 = dot(to_light, to_light), r = light.radius;
+        cap_t cap;
+        cap.d = sqrt(d2);
+        cap.near = cap.d - r;
+        cap.tau = fmax(cap.near * (cap.d + r), 0.0f);
+        float diffuse, lobe = 0.0f;
+        if (cap.near <= 0.0f || cap.tau < COS2_WIDE * d2) {
+            const int inside = cap.near <= 0.0f;
+            cap.a = inside ? receiver.geometric : to_light / cap.d;
+            cap.cosine = inside ? 0.0f : sqrt(cap.tau) / cap.d;
+            cap.sine = inside ? 1.0f : r / cap.d;
+            cap.depth = 1.0f - cap.cosine;
+            const float2 both = wide_light(&blockers, &receiver, &cap, j, inside, glossy, e);
+            diffuse = both.x;
+            lobe = both.y;
+            count.partial++;
+        } else {
+            cap.a = to_light / cap.d;
+            cap.sine = r / cap.d;
+            cap.cosine = sqrt(cap.tau) / cap.d;
+            const float q = cap.sine * cap.sine;
+            cap.depth = q / (1.0f + cap.cosine);
+            const float over_geometric = dot(receiver.geometric, cap.a), over_shading = dot(n, cap.a);
+            if (over_geometric <= -cap.sine || over_shading <= -cap.sine) {
+                count.below++;
+                continue;
+            }
+            const float h = cap.sine / cap.cosine;
+            const int cut = over_shading < cap.sine; /* the shading horizon crosses the light */
+            float3 t, u;
+            ru mask[NR];
+            for (int k = 0; k < NR; k++)
+                mask[k] = 0;
+            int framed = 0;
+            if (over_geometric < cap.sine || (cut && glossy)) {
+                frame_around(cap.a, receiver.cosine, receiver.sine, &t, &u);
+                const float3 g = receiver.geometric;
+                splat_horizon(mask, h, (float3)(dot(g, t), dot(g, u), over_geometric));
+                framed = 1;
+            }
+            uint splats = 0;
+            const int state = visibility(&blockers, &receiver, &cap, j, &t, &u, framed, mask, &splats);
+            count.splats += splats;
+            if (state == DARK) {
+                count.dark++;
+                continue;
+            }
+            diffuse = lambert_sphere(over_shading, q);
+            if (glossy)
+                lobe = lobe_over_cap(slices + material.slice * (CAPS * ANGLES), e, receiver.mirror,
+                                     cut ? receiver.mirror : n, cap.a, asin(cap.sine), cap.depth);
+            if (state == PARTIAL) {
+                ru lit[NR];
+                for (int k = 0; k < NR; k++)
+                    lit[k] = RU_LOAD(k, disk) & ~mask[k];
+                const float3 moments = bit_moments(lit, h);
+                if (moments.x == 0.0f) {
+                    count.dark++;
+                    continue;
+                }
+                const float3 nl = (float3)(dot(n, t), dot(n, u), over_shading);
+                if (moments.x < DISK_CELLS || cut) {
+                    count.partial++;
+                    if (!cut && h < LARGEST_MOMENT_H) {
+                        diffuse *= clamp(dot(nl, (float3)(moments.y, moments.z, moments.x)) / (nl.z * DISK_CELLS), 0.0f, 1.0f);
+                    } else {
+                        const float3 cells = diffuse_cells(lit, disk, h, nl);
+                        diffuse = cells.y > 0.0f ? diffuse * cells.z / cells.y : 0.0f;
+                    }
+                    /* A lobe that hardly reaches the light is not worth its cells. */
+                    if (glossy && lobe > NEGLIGIBLE_LOBE * M_PI_F / (e + 1.0f)) {
+                        const float3 m = receiver.mirror;
+                        const float3 ml = (float3)(dot(m, t), dot(m, u), dot(m, cap.a));
+                        const float3 cells = glossy_cells(lit, disk, h, nl, ml, e);
+                        if (cut) /* no closed form: cells weighted by their solid angles */
+                            lobe = cells.z * (2.0f * M_PI_F * cap.depth / cells.x);
+                        else
+                            lobe = cells.y > 0.0f ? lobe * cells.z / cells.y : 0.0f;
+                    }
+                } else {
+                    count.lit++;
+                }
+            } else {
+                count.lit++;
+            }
+        }
+        sum += (float3)(light.radiance[0], light.radiance[1], light.radiance[2]) * (kd * diffuse + ks * lobe);
+    }
+    radiance[3 * i] = sum.x;
+    radiance[3 * i + 1] = sum.y;
+    radiance[3 * i + 2] = sum.z;
+    stats[i] = count;
+}

@@ -1,0 +1,48 @@
+/* Two families of vectors: `vf` holds VW blockers (culling), `rf` holds RW rows of the mask (splatting).
+
+   VW, ROWS and RW come from the host: ROWS = 2^depth rows and columns, RW = min(VW, ROWS), NR = ROWS / RW. */
+#define CAT_(a, b) a##b
+#define CAT(a, b) CAT_(a, b)
+
+typedef CAT(float, VW) vf;
+typedef CAT(int, VW) vi;
+#define VF_LOAD(p) CAT(vload, VW)(0, p)
+#define VI_STORE(v, p) CAT(vstore, VW)(v, 0, p)
+#define VF_STORE(v, p) CAT(vstore, VW)(v, 0, p)
+
+typedef CAT(float, RW) rf;
+typedef CAT(int, RW) ri;
+typedef CAT(uint, RW) ru;
+#define RU_LOAD(k, p) CAT(vload, RW)(k, p)
+#define RU_STORE(v, k, p) CAT(vstore, RW)(v, k, p)
+#define RF_STORE(v, p) CAT(vstore, RW)(v, 0, p)
+#define TO_RI CAT(convert_int, RW)
+#define TO_RF CAT(convert_float, RW)
+#define AS_RU CAT(as_uint, RW)
+#define AS_RI CAT(as_int, RW)
+#define AS_RF CAT(as_float, RW)
+
+inline rf row_numbers(void)
+{
+#if RW == 16
+    return (rf)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#elif RW == 8
+    return (rf)(0, 1, 2, 3, 4, 5, 6, 7);
+#else
+    return (rf)(0, 1, 2, 3);
+#endif
+}
+
+inline float row_sum(rf v)
+{
+#if RW == 16
+    const float8 a = v.lo + v.hi;
+    const float4 b = a.lo + a.hi;
+#elif RW == 8
+    const float4 b = v.lo + v.hi;
+#else
+    const float4 b = v;
+#endif
+    const float2 c = b.lo + b.hi;
+    return c.x + c.y;
+}

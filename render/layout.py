@@ -1,0 +1,45 @@
+"""The structs and constants that host and device share; their C declarations are generated from here."""
+
+import numpy as np
+
+from coslobe.core.device import struct_declaration
+
+_F3 = (np.float32, (3,))
+
+POINT = np.dtype(
+    [
+        ("position", *_F3),  # relative to the frame's origin
+        ("geometric", *_F3),
+        ("shading", *_F3),
+        ("material", np.int32),
+        ("object", np.int32),
+        ("turn", np.float32),  # of the point's masks, as a fraction of a full turn
+    ]
+)
+MATERIAL = np.dtype(
+    [
+        ("kd", *_F3),  # diffuse BRDF, 1/sr
+        ("ks", *_F3),  # BRDF of the lobe at its axis, 1/sr
+        ("exponent", np.float32),
+        ("slice", np.int32),  # of the lobe-over-cap table; -1: no lobe
+    ]
+)
+LIGHT = np.dtype([("center", *_F3), ("radius", np.float32), ("radiance", *_F3)])
+STATS = np.dtype([(name, np.uint32) for name in ("lit", "partial", "dark", "below", "splats")])
+
+GROUP = 16  # spheres that are culled together
+NO_OWNER = -1
+
+
+def emitter_owner(light: int) -> int:
+    """Owner of the sphere that stands for a light among the blockers of the other lights."""
+    return -2 - light
+
+
+def declarations() -> str:
+    """OpenCL C for everything above."""
+    structs = {"point_t": POINT, "material_t": MATERIAL, "light_t": LIGHT, "stats_t": STATS}
+    return (
+        "".join(struct_declaration(name, dtype) for name, dtype in structs.items())
+        + f"#define GROUP {GROUP}\n#define EMITTER_OWNER(light) (-2 - (light))\n"
+    )

@@ -1,0 +1,40 @@
+"""What every lighting method offers to the renderer."""
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from coslobe.render.assets import Blockers
+from coslobe.render.gbuffer import GBuffer
+from coslobe.render.scene import Scene
+
+
+@dataclass(frozen=True)
+class Shading:
+    """Direct light at the points of a G-buffer.
+
+    Attributes
+    ----------
+    radiance : float32 [n, 3]
+        Outgoing radiance towards the viewer, linear Rec.709.
+    kernel_seconds : float
+        All kernels, by profiling events, without transfers.
+    build_seconds : float
+        Time spent on building programs for this frame; 0 where they were ready.
+    skipped : dict
+        What was not computed because the scene did not need it, by name.
+    """
+
+    radiance: NDArray
+    kernel_seconds: float
+    build_seconds: float
+    skipped: dict[str, Any] = field(default_factory=dict)
+
+
+class Method(Protocol):
+    """A lighting method; it keeps what does not change between frames."""
+
+    def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
+        """Light the points of `gbuffer`."""
+        ...

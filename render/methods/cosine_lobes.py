@@ -1,0 +1,191 @@
+"""The method of the product: sphere sets, bit masks and lobe integrals in one OpenCL kernel."""
+
+import time
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core.device import Device
+from coslobe.core.progress import SILENT, Progress
+from coslobe.render import layout
+from coslobe.render.assets import Blockers
+from coslobe.render.gbuffer import GBuffer
+from coslobe.render.groups import Groups, group
+from coslobe.render.mask import ROUNDING, disk, pack, turns
+from coslobe.render.materials import pack_materials
+from coslobe.render.methods.base import Shading
+from coslobe.render.scene import Scene
+from coslobe.tables import lobe_cap, store
+
+UNITS = ("vector.cl", "lobe.cl", "mask.cl", "shade.cl")  # in order of dependence
+WORK_GROUP = 64
+
+# Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
+COS2_WIDE = 0.25
+WIDE_RINGS = 32
+WIDE_SECTORS = 64
+
+# Up to this tangent of the light's half-angle, bit counts alone give the diffuse term: the cells' solid angles
+# differ by 6 % there, and what matters is only how that correlates with the shadow (docs/theory.md).
+LARGEST_MOMENT_H = 0.12
+
+# Lobes that collect less than this part of their integral from a light are not worth its cells.
+NEGLIGIBLE_LOBE = 1e-5
+
+
+def kernel_units() -> list[tuple[str, str]]:
+    """(name, source) of the program: the shared structs, then the kernel files in order."""
+    folder = files("coslobe.render.kernels")
+    return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in UNITS]
+
+
+def kernel_defines(vector_width: int, depth: int, mode: str, *, glossy: bool) -> dict[str, int | float]:
+    """Compile-time constants of one program variant."""
+    rows = 2**depth
+    row_width = min(vector_width, rows)
+    first, last = ROUNDING[mode]
+    return {
+        "VW": vector_width,
+        "ROWS": rows,
+        "RW": row_width,
+        "NR": rows // row_width,
+        "FIRST": f"({first}f)",
+        "LAST": f"({last}f)",
+        "DISK_CELLS": float(disk(rows).sum()),
+        "GLOSSY": int(glossy),
+        "CAPS": lobe_cap.CAPS,
+        "ANGLES": lobe_cap.ANGLES,
+        "SMALLEST_CAP": lobe_cap.SMALLEST_CAP,
+        "INNER": lobe_cap.INNER,
+        "OUTER": lobe_cap.OUTER,
+        "CAPS_PER_LOG": float(lobe_cap.CAPS_PER_LOG),
+        "COS2_WIDE": COS2_WIDE,
+        "WIDE_RINGS": WIDE_RINGS,
+        "WIDE_SECTORS": WIDE_SECTORS,
+        "LARGEST_MOMENT_H": LARGEST_MOMENT_H,
+        "NEGLIGIBLE_LOBE": NEGLIGIBLE_LOBE,
+    }
+
+
+class CosineLobes:
+    """Shades G-buffers on one device; see `render.methods.base.Method`."""
+
+    def __init__(self, device: Device, progress: Progress = SILENT) -> None:
+        self._device = device
+        self._progress = progress
+        self._tables: store.LobeTables | None = None
+        self._slices: dict[tuple[float, ...], Any] = {}
+        self._points: tuple[GBuffer, Any, NDArray] | None = None
+
+    def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
+        """Direct light at every point, from every light, through every blocker."""
+        n = len(gbuffer.position)
+        if n == 0 or not scene.lights:
+            return Shading(np.zeros((n, 3), np.float32), 0.0, 0.0, {"points": n, "lights": len(scene.lights)})
+        device = self._device
+        materials, exponents = pack_materials(list(scene.materials.values()))
+        start = time.perf_counter()
+        glossy = len(exponents) > 0
+        mask = scene.shading.mask
+        defines = kernel_defines(device.info.vector_width, mask.depth, mask.mode, glossy=glossy)
+        program = device.build(kernel_units(), defines)
+        kernel = program.shade
+        build_seconds = time.perf_counter() - start
+
+        points, origin = self._upload_points(gbuffer)
+        lights = _pack_lights(scene, origin)
+        groups = self._groups(scene, blockers, origin)
+        eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
+        radiance = device.allocate(n * 3 * 4)
+        stats = device.allocate(n * layout.STATS.itemsize)
+        # The kernel object keeps references to buffers only while arguments are set, so they live here.
+        spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
+        launch = device.launch(
+            kernel,
+            -(-n // WORK_GROUP) * WORK_GROUP,
+            WORK_GROUP,
+            points,
+            np.int32(n),
+            *(np.float32(v) for v in eye),
+            device.upload(materials),
+            self._slice_buffer(exponents),
+            device.upload(lights),
+            np.int32(len(lights)),
+            *spheres,
+            np.int32(groups.n_groups),
+            device.upload(pack(disk(2**mask.depth))),
+            radiance,
+            stats,
+        )
+        result = device.download(radiance, (n, 3), np.float32)
+        counts = device.download(stats, (n,), layout.STATS)
+        return Shading(result, launch.seconds, build_seconds, _summary(counts, len(lights), blockers))
+
+    def _upload_points(self, gbuffer: GBuffer) -> tuple[Any, NDArray]:
+        """The points relative to their middle, so that float32 serves scenes far from the origin.
+
+        A G-buffer that did not change stays on the device.
+        """
+        if self._points is not None and self._points[0] is gbuffer:
+            return self._points[1], self._points[2]
+        origin = (gbuffer.position.min(axis=0) + gbuffer.position.max(axis=0)) / 2
+        packed = np.empty(len(gbuffer.position), layout.POINT)
+        packed["position"] = gbuffer.position - origin
+        packed["geometric"] = gbuffer.geometric_normal
+        packed["shading"] = gbuffer.shading_normal
+        packed["material"] = gbuffer.material
+        packed["object"] = gbuffer.object
+        packed["turn"] = turns(gbuffer.pixel, gbuffer.width)
+        self._points = (gbuffer, self._device.upload(packed), origin)
+        return self._points[1], origin
+
+    def _groups(self, scene: Scene, blockers: Blockers, origin: NDArray) -> Groups:
+        """All blockers of the frame, the emitters too where there are several lights."""
+        centers, radii = blockers.centers - origin, blockers.radii
+        outside, owner = blockers.outside, blockers.owner
+        if len(scene.lights) > 1:
+            spheres = [light.sphere for light in scene.lights.values()]
+            emitters = np.array([sphere.center for sphere in spheres], np.float64) - origin
+            centers = np.concatenate([centers, emitters])
+            radii = np.concatenate([radii, [sphere.radius for sphere in spheres]])
+            outside = np.concatenate([outside, np.zeros(len(spheres))])
+            owner = np.concatenate([owner, [layout.emitter_owner(j) for j in range(len(spheres))]])
+        return group(centers, radii, outside, owner, self._device.info.vector_width)
+
+    def _slice_buffer(self, exponents: NDArray) -> Any:
+        """The lobe-over-cap table at the scene's exponents, on the device."""
+        key = tuple(exponents)
+        if key not in self._slices:
+            if not key:
+                self._slices[key] = self._device.allocate(16)
+            else:
+                if self._tables is None:
+                    self._tables = store.cached(self._progress)
+                self._slices = {key: self._device.upload(self._tables.lobe_cap.slice(exponents))}
+        return self._slices[key]
+
+
+def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:
+    packed = np.empty(len(scene.lights), layout.LIGHT)
+    for entry, light in zip(packed, scene.lights.values(), strict=True):
+        entry["center"] = np.asarray(light.sphere.center, np.float64) - origin
+        entry["radius"] = light.sphere.radius
+        entry["radiance"] = light.sphere.radiance
+    return packed
+
+
+def _summary(counts: NDArray, n_lights: int, blockers: Blockers) -> dict[str, Any]:
+    """Shares of (point, light) pairs by what they needed, and the work per pair."""
+    pairs = len(counts) * n_lights
+    share = {name: float(counts[name].sum()) / pairs for name in ("lit", "partial", "dark", "below")}
+    return {
+        "pairs": pairs,
+        "fully_lit": share["lit"],
+        "penumbra": share["partial"],
+        "fully_dark": share["dark"],
+        "below_horizon": share["below"],
+        "spheres": len(blockers.radii),
+        "spheres_splatted_per_pair": float(counts["splats"].sum()) / pairs,
+    }
