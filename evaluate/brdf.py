@@ -4,7 +4,8 @@ Every BRDF here is a sum of terms, a colour times a scalar function of the direc
 the scalars and colours them afterwards, which costs a third of averaging colours.
 """
 
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,53 +18,57 @@ if TYPE_CHECKING:
 Vectors = tuple[NDArray, NDArray, NDArray]
 
 
-class Brdf(Protocol):
-    """f(view, light; normal) = sum over k of colours[k] * functions(...)[k].
+@dataclass(frozen=True)
+class Diffuse:
+    """A constant.
 
     Attributes
     ----------
-    colours : float64 [k, 3]
+    colour : float64 [3]
         Per steradian.
     """
 
-    colours: NDArray
+    colour: NDArray
 
-    def functions(self, normal: NDArray, view: NDArray, light: Vectors) -> list[NDArray | float]:
-        """The scalar functions, each [n, s] or a constant.
+    def values(self, normal: NDArray, view: NDArray, light: Vectors) -> NDArray:
+        """The scalar function, [n, s]; the cosine to the normal is not part of it.
 
-        `normal`, `view` are unit vectors [n, 3], both on the viewer's side; `light` holds x, y and z of unit
-        directions [n, s] from the surface to the light. The cosine to the normal is not included.
+        `normal` and `view` are unit vectors [n, 3], `light` holds x, y and z of unit directions [n, s]
+        from the surface to the light.
         """
-        ...
+        return np.ones_like(light[0])
 
 
-class Lambert:
-    """f = albedo / pi."""
+@dataclass(frozen=True)
+class Lobe:
+    """max(r.l, 0)^exponent around the reflection r of the view about the normal.
 
-    def __init__(self, albedo: NDArray) -> None:
-        self.colours = np.atleast_2d(np.asarray(albedo, np.float64)) / np.pi
+    Attributes
+    ----------
+    colour : float64 [3]
+        Per steradian.
+    exponent : float
+        With 0, the lobe is the hemisphere around r.
+    """
 
-    def functions(self, normal: NDArray, view: NDArray, light: Vectors) -> list[NDArray | float]:
-        return [1.0]
+    colour: NDArray
+    exponent: float
+
+    def values(self, normal: NDArray, view: NDArray, light: Vectors) -> NDArray:
+        """As in `Diffuse`."""
+        cosine = dot(self.axis(normal, view), light)
+        return np.maximum(cosine, 0.0) ** self.exponent * (cosine > 0)
+
+    def axis(self, normal: NDArray, view: NDArray) -> NDArray:
+        """The unit vector r = 2 (normal.view) normal - view, [n, 3]."""
+        return 2 * np.einsum("ij,ij->i", normal, view)[:, None] * normal - view
 
 
-class Phong:
-    """f = kd / pi + ks (n + 2) / (2 pi) max(r.l, 0)^n, with r the reflection of the view about the normal."""
-
-    def __init__(self, kd: NDArray, ks: NDArray, exponent: float) -> None:
-        self.exponent = float(exponent)
-        scale = (self.exponent + 2) / (2 * np.pi)
-        self.colours = np.stack([np.asarray(kd) / np.pi, np.asarray(ks) * scale]).astype(np.float64)
-
-    def functions(self, normal: NDArray, view: NDArray, light: Vectors) -> list[NDArray | float]:
-        reflected = 2 * np.einsum("ij,ij->i", normal, view)[:, None] * normal - view
-        cosine = dot(reflected, light)
-        # The comparison matters for n = 0 only: the lobe is then the hemisphere around r.
-        return [1.0, np.maximum(cosine, 0.0) ** self.exponent * (cosine > 0)]
+Term = Diffuse | Lobe
 
 
-def create_brdf(material: "Material") -> Brdf:
-    """The BRDF of a material of the scene file.
+def brdf_terms(material: "Material") -> list[Term]:
+    """The terms of a material's BRDF: Lambert = albedo / pi; Phong = kd / pi + ks (n + 2) / (2 pi) (r.l)^n.
 
     Raises
     ------
@@ -71,10 +76,11 @@ def create_brdf(material: "Material") -> Brdf:
         The reference does not know this kind of material.
     """
     if material.lambert is not None:
-        return Lambert(np.asarray(material.lambert.albedo))
+        return [Diffuse(np.asarray(material.lambert.albedo, np.float64) / np.pi)]
     if material.phong is not None:
-        phong = material.phong
-        return Phong(np.asarray(phong.kd), np.asarray(phong.ks), phong.exponent)
+        kd, ks = (np.asarray(c, np.float64) for c in (material.phong.kd, material.phong.ks))
+        n = material.phong.exponent
+        return [Diffuse(kd / np.pi), Lobe(ks * (n + 2) / (2 * np.pi), n)]
     raise InvalidInput("the reference knows lambert and phong materials only", "use one of these two")
 
 

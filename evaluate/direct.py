@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from coslobe.core.device import cpu_count
 from coslobe.core.progress import SILENT, Progress
-from coslobe.evaluate.brdf import Brdf, create_brdf, dot
+from coslobe.evaluate.brdf import Term, brdf_terms, dot
 from coslobe.evaluate.occlusion import Occluders, Segments, entry_distance
 from coslobe.evaluate.sampling import Strata, light_caps, square_to_cap
 
 if TYPE_CHECKING:
     from coslobe.render.gbuffer import GBuffer
-    from coslobe.render.scene import Light, Scene
+    from coslobe.render.scene import Scene, SphereLight
 
 BLOCK = 1 << 15
 """Samples that are worked on at once: small enough for the caches of a core."""
@@ -51,16 +51,17 @@ def direct_light(
 
     Random numbers depend on `seed` and the point only, not on the number of threads.
     """
-    brdfs = [create_brdf(material) for material in scene.materials.values()]
+    brdfs = [brdf_terms(material) for material in scene.materials.values()]
+    lights = [light.sphere for light in scene.lights.values()]
     blocks = list(_blocks(gbuffer, grid.samples))
-    lights = list(scene.lights.values())
     radiance = np.zeros_like(gbuffer.position)
     variance = np.zeros_like(gbuffer.position)
 
     def work(task: tuple[int, NDArray]) -> Estimate:
         number, points = task
         rng = np.random.default_rng((*seed, number))
-        return _block_light(gbuffer, points, brdfs[gbuffer.material[points[0]]], lights, occluders, grid, rng)
+        terms = brdfs[gbuffer.material[points[0]]]
+        return _block_light(gbuffer, points, terms, lights, occluders, grid, rng)
 
     with progress.task(name, len(gbuffer.position)) as advance:
         for points, estimate in zip(blocks, _parallel(work, enumerate(blocks)), strict=True):
@@ -89,36 +90,46 @@ def _parallel(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[
 def _block_light(
     gbuffer: "GBuffer",
     points: NDArray,
-    brdf: Brdf,
-    lights: "list[Light]",
+    terms: list[Term],
+    lights: "list[SphereLight]",
     occluders: Occluders,
     grid: Strata,
     rng: np.random.Generator,
 ) -> Estimate:
+    """The light on points of one material."""
     radiance = np.zeros((len(points), 3))
     variance = np.zeros((len(points), 3))
     for index, light in enumerate(lights):
-        center, radius = np.asarray(light.sphere.center, np.float64), float(light.sphere.radius)
+        center = np.asarray(light.center, np.float64)
         height = np.einsum("ij,ij->i", center - gbuffer.position[points], gbuffer.geometric_normal[points])
-        lit = np.flatnonzero(height > -radius)  # elsewhere the light is wholly below the horizon
+        lit = np.flatnonzero(height > -light.radius)  # elsewhere the light is wholly below the horizon
         if len(lit) == 0:
             continue
         at = points[lit]
-        position, normal = gbuffer.position[at], gbuffer.geometric_normal[at]
-        caps = light_caps(position, normal, center, radius)
+        position, view = gbuffer.position[at], gbuffer.view[at]
+        geometric, shading = gbuffer.geometric_normal[at], gbuffer.shading_normal[at]
+        caps = light_caps(position, geometric, center, light.radius)
         directions = square_to_cap(*grid.jittered(rng, len(at)), caps)
-        cosine = np.maximum(dot(gbuffer.shading_normal[at], directions), 0.0)
-        cosine *= dot(normal, directions) > 0
-        reach = entry_distance(position, directions, center, radius)
+        cosine = np.maximum(dot(shading, directions), 0.0)
+        cosine *= dot(geometric, directions) > 0
+        reach = entry_distance(position, directions, center, light.radius)
         segments = Segments(
-            position, normal, gbuffer.object[at], index, center, radius, directions, reach, cosine > 0
+            position,
+            geometric,
+            gbuffer.object[at],
+            index,
+            center,
+            light.radius,
+            directions,
+            reach,
+            cosine > 0,
         )
         cosine *= ~occluders.blocked(segments)
-        functions = brdf.functions(gbuffer.shading_normal[at], gbuffer.view[at], directions)
-        mean, covariance = _moments([f * cosine for f in functions])
-        scale = (2 * np.pi * caps.height)[:, None] * np.asarray(light.sphere.radiance, np.float64)
-        radiance[lit] += scale * (mean @ brdf.colours)
-        variance[lit] += scale**2 * np.einsum("pkl,kc,lc->pc", covariance, brdf.colours, brdf.colours)
+        mean, covariance = _moments([term.values(shading, view, directions) * cosine for term in terms])
+        solid_angle = (2 * np.pi * caps.height)[:, None]
+        colours = np.stack([term.colour for term in terms]) * np.asarray(light.radiance, np.float64)
+        radiance[lit] += solid_angle * (mean @ colours)
+        variance[lit] += solid_angle**2 * np.einsum("pkl,kc,lc->pc", covariance, colours, colours)
     return Estimate(radiance, variance)
 
 

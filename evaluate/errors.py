@@ -44,13 +44,6 @@ class Errors:
     noise: float | None
     pixels: int
 
-    @property
-    def within_noise(self) -> bool:
-        """Whether the difference is no larger than what the reference's noise alone may cause."""
-        if self.relative_rmse is None or self.noise is None:
-            return False
-        return self.relative_rmse <= NOISE_MARGIN * self.noise
-
 
 def compare(image: NDArray, reference: NDArray, variance: NDArray, what: str = "image") -> Errors:
     """Errors of `image` against `reference`, whose means have `variance`; all [pixels, channels].
@@ -76,6 +69,16 @@ def compare(image: NDArray, reference: NDArray, variance: NDArray, what: str = "
         noise=_ratio(np.sqrt(np.mean(variance)), np.mean(reference)),
         pixels=pixels,
     )
+
+
+def within_noise(relative_rmse: float | None, noise: float | None) -> bool:
+    """Whether a difference is no larger than what the reference's noise alone may cause."""
+    return relative_rmse is not None and noise is not None and relative_rmse <= NOISE_MARGIN * noise
+
+
+def without_noise(relative_rmse: float, noise: float) -> float:
+    """The relative RMSE against a reference without noise: squares add up, as the two are independent."""
+    return float(np.sqrt(max(relative_rmse**2 - noise**2, 0.0)))
 
 
 def _ratio(value: float, scale: float) -> float | None:

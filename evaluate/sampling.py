@@ -1,4 +1,4 @@
-"""Directions towards a spherical light: uniform in solid angle, stratified, two samples in every stratum.
+"""Directions towards a spherical light: uniform in solid angle, two samples in every stratum.
 
 Two independent samples in every stratum keep nearly all the benefit of stratification, and half the squared
 difference of such a pair is an unbiased estimate of the variance inside its stratum. One sample per stratum
@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from coslobe.evaluate.brdf import Vectors
 
 
 @dataclass(frozen=True)
@@ -80,8 +82,8 @@ def light_caps(position: NDArray, normal: NDArray, center: NDArray, radius: floa
     return Caps(axis, height)
 
 
-def square_to_cap(u: NDArray, v: NDArray, caps: Caps) -> tuple[NDArray, NDArray, NDArray]:
-    """Map the unit square [n, s] to each point's cap, preserving area: x, y, z of unit vectors, [n, s].
+def square_to_cap(u: NDArray, v: NDArray, caps: Caps) -> Vectors:
+    """Directions uniform in each point's cap, from the unit square [n, s]: x, y, z of unit vectors, [n, s].
 
     Shirley and Chiu's concentric map of the square to the disk, whose cells stay compact, followed by
     Lambert's azimuthal equal-area map of the disk to the cap: at |p| = r, the cosine to the axis is

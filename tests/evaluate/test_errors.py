@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coslobe.core.errors import CoslobeError
-from coslobe.evaluate.errors import compare, compare_by_object
+from coslobe.evaluate.errors import compare, compare_by_object, within_noise, without_noise
 
 REFERENCE = np.array([[1.0, 2.0, 3.0], [2.0, 2.0, 2.0]])  # mean 2, sum 12
 IMAGE = np.array([[1.5, 2.0, 3.0], [2.0, 1.0, 2.0]])  # differences 0.5 and -1
@@ -19,13 +19,13 @@ def test_numbers_by_hand():
     assert errors.max_abs == pytest.approx(1 / 2)
     assert errors.noise == pytest.approx(0.2 / 2)
     assert errors.pixels == 2
-    assert not errors.within_noise
+    assert not within_noise(errors.relative_rmse, errors.noise)
 
 
 def test_equal_images_have_no_error():
     errors = compare(REFERENCE, REFERENCE, VARIANCE)
     assert (errors.relative_rmse, errors.mean_abs, errors.bias, errors.max_abs) == (0, 0, 0, 0)
-    assert errors.within_noise
+    assert within_noise(errors.relative_rmse, errors.noise)
 
 
 def test_noise_predicts_the_error_of_a_perfect_image():
@@ -34,7 +34,17 @@ def test_noise_predicts_the_error_of_a_perfect_image():
     sigma = rng.uniform(0.01, 0.2, truth.shape)
     errors = compare(truth, truth + sigma * rng.normal(size=truth.shape), sigma**2)
     assert errors.relative_rmse == pytest.approx(errors.noise, rel=0.02)  # 60,000 values: 0.3 % expected
-    assert errors.within_noise
+    assert within_noise(errors.relative_rmse, errors.noise)
+
+
+def test_noise_can_be_taken_off():
+    rng = np.random.default_rng(1)
+    truth = rng.uniform(1, 3, (20000, 3))
+    image = truth + 0.05 * rng.normal(size=truth.shape)
+    reference = truth + 0.1 * rng.normal(size=truth.shape)
+    errors = compare(image, reference, np.full_like(truth, 0.01))
+    assert without_noise(errors.relative_rmse, errors.noise) == pytest.approx(0.05 / 2, rel=0.05)
+    assert without_noise(0.1, 0.2) == 0
 
 
 def test_a_black_reference_gives_no_ratio_but_no_failure():

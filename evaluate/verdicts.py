@@ -1,0 +1,112 @@
+"""What the numbers of an evaluation say, in words, each with a grade."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from coslobe.evaluate.errors import within_noise, without_noise
+
+LIGHT_GRADES = (0.005, 0.02)
+"""Relative RMSE against the same spheres, without the reference's noise, up to which it is good, and fair."""
+
+SHAPE_GRADES = (0.04, 0.08)
+"""The same against the true meshes."""
+
+BIAS_GRADES = (0.01, 0.03)
+"""Bias against the true meshes, either sign."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One statement: a title, a grade (good, fair, poor, or info where nothing is judged), and its reason."""
+
+    title: str
+    grade: str
+    text: str
+
+
+def percent(value: float | None) -> str:
+    """A share as text with two significant digits: 0.0021 becomes "0.21 %"."""
+    if value is None:
+        return "–"
+    if value == 0:
+        return "0 %"
+    digits = f"{100 * value:.2g}"
+    return f"{float(digits):g} %".replace("-", "−")
+
+
+def verdicts(mean: dict[str, float | None], frames: Sequence[dict[str, Any]]) -> list[Verdict]:
+    """Statements about an evaluation from its `mean` over all frames and its frame records."""
+    light, shape = mean["relative_rmse_spheres"], mean["relative_rmse_mesh"]
+    bias, noise = mean["bias_mesh"], mean["noise_spheres"]
+    if light is None or shape is None or bias is None or noise is None:
+        return [Verdict("Nothing to judge", "info", "No pixel of the reference shows a lit surface.")]
+    found = [
+        _light_verdict(light, noise),
+        Verdict(
+            _by_grade(shape, SHAPE_GRADES, "Spheres stand {} for the meshes", ("well", "roughly", "badly")),
+            _grade(shape, SHAPE_GRADES),
+            f"Against the true meshes, pictures are off by {percent(shape)}. " + _share(light, shape),
+        ),
+        Verdict(
+            _by_grade(abs(bias), BIAS_GRADES, "Brightness is {}", ("right", "slightly off", "off")),
+            _grade(abs(bias), BIAS_GRADES),
+            f"Summed over the picture, there is {percent(abs(bias))} too "
+            f"{'much' if bias > 0 else 'little'} light compared with the true meshes.",
+        ),
+    ]
+    return found + _time_verdicts(frames)
+
+
+def _grade(value: float, limits: tuple[float, float]) -> str:
+    good, fair = limits
+    return "good" if value <= good else "fair" if value <= fair else "poor"
+
+
+def _by_grade(value: float, limits: tuple[float, float], text: str, words: tuple[str, str, str]) -> str:
+    return text.format(dict(zip(("good", "fair", "poor"), words, strict=True))[_grade(value, limits)])
+
+
+def _share(light: float, shape: float) -> str:
+    """Which error dominates. Squares add up as long as the two have nothing to do with each other."""
+    if shape <= light:
+        return "The shape of the spheres adds nothing to it that could be measured."
+    share = 1 - (light / shape) ** 2
+    return f"About {share:.0%} of the squared error comes from the shape of the spheres."
+
+
+def _light_verdict(light: float, noise: float) -> Verdict:
+    start = f"Against a reference with the same spheres, pictures are off by {percent(light)} (relative RMSE)"
+    if within_noise(light, noise):
+        text = f"{start}, no more than the reference's own noise of {percent(noise)} explains."
+        if noise <= LIGHT_GRADES[0]:
+            return Verdict("Light is integrated accurately", "good", text)
+        text += " More samples (--spp) would show how much smaller the true error is."
+        return Verdict("The reference is too noisy to judge the light", "info", text)
+    own = without_noise(light, noise)
+    return Verdict(
+        _by_grade(own, LIGHT_GRADES, "Light is integrated {}", ("accurately", "roughly", "badly")),
+        _grade(own, LIGHT_GRADES),
+        f"{start}. The reference's own noise is {percent(noise)}; without it, {percent(own)} would be left.",
+    )
+
+
+def _time_verdicts(frames: Sequence[dict[str, Any]]) -> list[Verdict]:
+    timed = [frame for frame in frames if frame["kernel_seconds"] and frame["reference_seconds_mesh"]]
+    if not timed:
+        return []
+    kernel = sum(frame["kernel_seconds"] for frame in timed) / len(timed)
+    reference = sum(frame["reference_seconds_mesh"] for frame in timed) / len(timed)
+    text = (
+        f"Per frame, the light kernels took {duration(kernel)}, the reference on the true meshes "
+        f"{duration(reference)} for its {timed[0]['spp']} samples per pixel: {reference / kernel:,.0f} times "
+        "as long, at its own, lower error."
+    )
+    return [Verdict("Time", "info", text)]
+
+
+def duration(seconds: float | None) -> str:
+    """A time as text: milliseconds below one second."""
+    if seconds is None:
+        return "–"
+    return f"{1000 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"
