@@ -322,7 +322,8 @@ def _literal(value: int | float | str) -> str:
     if isinstance(value, bool | np.bool_):
         return str(int(value))
     if isinstance(value, float | np.floating):
-        single = np.float32(value)
+        with np.errstate(over="ignore"):  # what is too large is infinite
+            single = np.float32(value)
         if np.isnan(single):
             raise ValueError("a kernel constant is not a number")
         return f"{single!s}f" if np.isfinite(single) else ("INFINITY" if single > 0 else "-INFINITY")
