@@ -174,6 +174,8 @@ def _log_integrand(e1: NDArray, e2: NDArray, from_end: NDArray, from_start: NDAr
 
 
 def _quadrature(e1: NDArray, e2: NDArray, alpha: NDArray) -> _Nodes:
+    # Exponents this small change no digit, but their peak would lie on the edge of the hemisphere.
+    e1, e2 = (np.where(e < 1e-14, 0.0, e) for e in (e1, e2))
     t = peak_angle(e1, e2, alpha)
     # Distances from the peak to both ends of the common hemisphere; phi is never formed, so that nothing
     # cancels near the ends.

@@ -1,0 +1,166 @@
+"""The tables: interpolation error, exact cases, files that refuse to be wrong."""
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+
+from coslobe.core.errors import CoslobeError, InvalidInput
+from coslobe.tables import cap, integral, lobe, lobe_cap, product, store
+
+
+@pytest.fixture(scope="module")
+def tables():
+    return store.cached()
+
+
+def test_products_in_the_stated_sampling(tables):
+    report = store.report(tables)
+    energy, l2 = report["product_error"]["energy"], report["product_error"]["l2"]
+    assert energy["mean"] <= 1e-5
+    assert energy["variance"] <= 1e-9
+    assert l2["mean"] <= 1e-4  # the exact L2 fit's own mean error is 5e-5 in this sampling
+    assert report["integral_error"]["mean"] <= 1e-4
+    assert report["cap_error"]["max"] <= 1e-6
+    assert report["lobe_cap_error"]["mean"] <= 1e-4
+
+
+def test_products_of_low_exponents_near_right_angles(tables):
+    """Where the paper reports 50 % error: the energy-conserving product stays within 5 %."""
+    rng = np.random.default_rng(0)
+    e1, e2 = rng.uniform(0, 1, (2, 2000))
+    alpha = rng.uniform(1.2, 1.9, 2000)
+    exact = lobe.product_integral(e1, e2, alpha)
+    np.testing.assert_allclose(tables.product.lookup(e1, e2, alpha).integral, exact, rtol=0.05)
+
+
+def test_products_beyond_the_range(tables):
+    far = tables.product.lookup(1e3, 1e3, 2.5)
+    assert far.integral == far.scale_energy == far.scale_l2 == 0
+    assert tables.product.lookup(0.0, 0.0, np.pi).integral == 0
+    sharp = tables.product.lookup(1e6, 10.0, 0.0005)
+    assert float(sharp.integral) == pytest.approx(float(lobe.product_integral(1e6, 10.0, 0.0005)), rel=1e-2)
+
+
+def test_integral_table_follows_the_paper(tables):
+    assert len(tables.integral.exponents) == 6 * 127 + 1
+    np.testing.assert_allclose(tables.integral.values, lobe.integral(tables.integral.exponents), rtol=1e-10)
+    assert tables.integral.lookup(2e5) == pytest.approx(2 * np.pi / (2e5 + 1))
+
+
+@pytest.mark.parametrize("depth", [1e-8, 1e-3, 0.13, 0.5, 0.95])
+def test_cap_exponent_minimises_the_l2_distance(tables, depth):
+    best = float(tables.cap.exponent(depth))
+    for factor in (0.98, 1.02):
+        assert cap.l2_distance(depth, best) < cap.l2_distance(depth, best * factor)
+
+
+def test_cap_energy(tables):
+    """The scaled lobe has the cap's solid angle 2 pi (1 - c); small caps' own amplitude is 4 % too much."""
+    depth = np.array([1e-6, 0.01, 0.3, 0.9])
+    e = tables.cap.exponent(depth)
+    np.testing.assert_allclose(
+        tables.cap.energy_amplitude(depth) * lobe.integral(e), 2 * np.pi * depth, rtol=1e-12
+    )
+    assert 1 / tables.cap.energy_amplitude(1e-6) == pytest.approx(1.04, abs=0.002)
+
+
+@pytest.mark.parametrize(
+    ("e", "theta", "alpha"),
+    [(1, 0.3, 0.2), (50, 0.2, 0.12), (50, 0.0, 0.12), (0.3, 1.9, 0.6), (5, 1.2, 1.1), (400, 0.15, 0.1)],
+)
+def test_lobe_over_cap_against_two_dimensional_quadrature(e, theta, alpha):
+    def moment(weight):
+        def integrand(phi, beta):
+            along = np.cos(theta) * np.cos(beta) + np.sin(theta) * np.sin(beta) * np.cos(phi)
+            return max(along, 0.0) ** e * weight(along, np.cos(beta)) * np.sin(beta) * (along > 0)
+
+        return 2 * dblquad(integrand, 0, alpha, 0, np.pi, epsabs=1e-10, epsrel=1e-9)[0]
+
+    found = lobe_cap.exact(e, theta, alpha)
+    total = moment(lambda along, cosine: 1.0)
+    assert found.integral == pytest.approx(total, rel=1e-5)  # the adaptive rule's error at the lobe's edge
+    assert found.along_lobe == pytest.approx(moment(lambda along, cosine: along) / total, rel=1e-5)
+    # m.a = T (X cos theta + V sin^2 theta)
+    towards_axis = found.along_lobe * np.cos(theta) + found.towards_cap * np.sin(theta) ** 2
+    assert towards_axis == pytest.approx(moment(lambda along, cosine: cosine) / total, rel=1e-5)
+
+
+def test_lobe_over_small_cap_is_the_value_at_its_centre():
+    alpha, theta, e = 1e-6, 0.3, 40.0
+    found = lobe_cap.exact(e, theta, alpha)
+    assert found.integral == pytest.approx(np.pi * alpha**2 * np.cos(theta) ** e, rel=1e-6)
+    assert found.along_lobe == pytest.approx(np.cos(theta), rel=1e-9)
+    assert found.towards_cap == pytest.approx(1, rel=1e-6)
+
+
+@pytest.mark.parametrize("e", [1.5, 5.3, 51.0, 1000.0, 2e4])
+def test_lobe_over_cap_table_between_nodes(tables, e):
+    rng = np.random.default_rng(1)
+    alpha = 10 ** rng.uniform(-4, np.log10(1.15), 2000)
+    first, last = lobe_cap.angle_range(e, alpha)
+    theta = first + rng.uniform(0, 1, 2000) * (last - first)
+    exact, found = lobe_cap.exact(e, theta, alpha), tables.lobe_cap.lookup(e, theta, alpha)
+    peak = lobe_cap.exact(e, np.zeros(2000), alpha).integral
+    assert np.max(np.abs(found.integral - exact.integral) / peak) <= 1e-3
+    assert (
+        np.max(np.abs(found.integral * found.along_lobe - exact.integral * exact.along_lobe) / peak) <= 1e-3
+    )
+
+
+def test_building_is_deterministic(tmp_path):
+    one, two = integral.build(), integral.build()
+    np.testing.assert_array_equal(one.values, two.values)
+    part = lobe_cap.exact(*np.meshgrid([0.0, 3.0], [0.1, 0.5], [0.2]))
+    again = lobe_cap.exact(*np.meshgrid([0.0, 3.0], [0.1, 0.5], [0.2]))
+    np.testing.assert_array_equal(part.integral, again.integral)
+
+
+def test_file_round_trip_and_same_bytes(tables, tmp_path):
+    one, two = tmp_path / "a.npz", tmp_path / "b.npz"
+    store.save(one, tables)
+    store.save(two, tables)
+    assert one.read_bytes() == two.read_bytes()
+    assert one.stat().st_size <= 10e6
+    np.testing.assert_array_equal(store.load(one).product.values, tables.product.values)
+
+
+@pytest.mark.parametrize("damage", ["missing", "truncated", "flipped", "foreign"])
+def test_damaged_files_are_refused(tables, tmp_path, damage):
+    path = tmp_path / "tables.npz"
+    store.save(path, tables)
+    content = bytearray(path.read_bytes())
+    if damage == "missing":
+        path.unlink()
+    elif damage == "truncated":
+        path.write_bytes(content[: len(content) // 2])
+    elif damage == "flipped":
+        content[len(content) // 3] ^= 0xFF
+        path.write_bytes(content)
+    else:
+        np.savez(path, format=np.array("something else"))
+    with pytest.raises(InvalidInput, match="table file"):
+        store.load(path)
+
+
+def test_a_damaged_cache_is_rebuilt_with_a_line(tables, monkeypatch):
+    from coslobe.core.progress import Progress
+
+    lines = []
+
+    class Listener(Progress):
+        def say(self, text):
+            lines.append(text)
+
+    monkeypatch.setattr(store, "build", lambda progress: tables)
+    store.cached_path().write_bytes(b"not a table")
+    store.cached(Listener())
+    assert "building new tables" in lines[0]
+    assert store.load(store.cached_path()).cap.values[-1] == 0
+
+
+def test_wrong_tables_are_refused(tables):
+    wrong = tables.product.values.copy()
+    wrong[:, :, 2] += 0.1
+    spoilt = store.LobeTables(product.ProductTable(wrong), tables.integral, tables.cap, tables.lobe_cap)
+    with pytest.raises(CoslobeError, match="coaxial product"):
+        store.verify(spoilt)
