@@ -75,7 +75,7 @@ def half_extent(fov: float, fov_axis: str, width: int, height: int) -> tuple[flo
 
 
 def sample_pattern(n: int) -> NDArray:
-    """Fixed positions in the unit pixel, float64 [n, 2]: the centre, a grid for squares, else Hammersley's set."""
+    """Fixed positions in the unit pixel, float64 [n, 2]: centre, grid or Hammersley's set."""
     side = round(np.sqrt(n))
     if side * side == n:
         centres = (np.arange(side) + 0.5) / side

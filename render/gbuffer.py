@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GBuffer:
-    """The shaded points of one frame, in tiles of 8x8 pixels for coherence; samples that hit nothing are left out.
+    """The shaded points of one frame, in tiles of 8x8 pixels; samples that hit nothing are left out.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class GBuffer:
 
 @dataclass
 class _Nearest:
-    """The nearest hit so far of each ray, filled object by object; normals are not yet turned to the viewer."""
+    """The nearest hit so far of each ray, filled object by object; normals face any side."""
 
     t: NDArray
     position: NDArray
@@ -206,7 +206,7 @@ def _dot(a: NDArray, b: NDArray) -> NDArray:
 
 
 class RayCaster:
-    """Nearest hits against one mesh by Embree (through Open3D), in a frame centred on the mesh for precision."""
+    """Nearest hits against one mesh by Embree (through Open3D), in a frame centred on the mesh."""
 
     def __init__(self, vertices: NDArray, faces: NDArray) -> None:
         import open3d
@@ -220,7 +220,7 @@ class RayCaster:
         self._scene.add_triangles(self._tensor(local), self._tensor(faces.astype(np.uint32)))
 
     def nearest(self, origin: NDArray, direction: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """Distance (inf: no hit), triangle and barycentric u, v for rays from `origin` [3] along unit [n, 3]."""
+        """Distance (inf: no hit), triangle and barycentric u, v of rays from `origin` [3] along [n, 3]."""
         rays = np.empty((len(direction), 6), np.float32)
         rays[:, :3] = (origin - self._centre) * self._scale
         rays[:, 3:] = direction

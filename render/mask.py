@@ -6,7 +6,7 @@ Conventions are those of kernels/mask.cl; a mask here is a boolean array [rows, 
 import numpy as np
 from numpy.typing import NDArray
 
-# How an interval [low, high] in cell units rounds to whole cells: first = ceil(low + a), last = floor(high + b).
+# How an interval [low, high] in cell units becomes whole cells: from ceil(low + a) to floor(high + b).
 ROUNDING = {
     "centre": (-0.5, -0.5),  # cells whose centre is covered
     "aggressive": (0.0, -1.0),  # cells that are covered along the whole row
@@ -39,7 +39,7 @@ def unpack(bits: NDArray, columns: int) -> NDArray:
 def directions(rows: int, h: float) -> NDArray:
     """Unit vectors to the cells' centres in the mask's frame, float64 [rows, rows, 3]."""
     x = cell_centres(rows) * h
-    vectors = np.stack([np.broadcast_to(x, (rows, rows)), *np.broadcast_arrays(x[:, None], np.ones((rows, rows)))], -1)
+    vectors = np.stack(np.broadcast_arrays(x[None, :], x[:, None], 1.0), axis=-1)
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
@@ -59,7 +59,7 @@ def below_horizon(rows: int, h: float, normal: NDArray) -> NDArray:
 
 
 def frame_around(axis: NDArray, turn: float) -> tuple[NDArray, NDArray]:
-    """Unit vectors t and u that complete `axis` [3] to a right-handed frame, turned by a fraction of a turn."""
+    """Unit vectors t and u that complete `axis` [3] to a right-handed frame, turned about it."""
     sign = np.copysign(1.0, axis[2])
     k = -1 / (sign + axis[2])
     b = axis[0] * axis[1] * k

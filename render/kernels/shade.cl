@@ -242,7 +242,7 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
     const float3 kd = (float3)(material.kd[0], material.kd[1], material.kd[2]);
     const float3 ks = (float3)(material.ks[0], material.ks[1], material.ks[2]);
     const float e = material.exponent;
-    const int glossy = GLOSSY && material.slice >= 0;
+    const int glossy = GLOSSY ? material.slice >= 0 : 0;
 
     float3 sum = 0.0f;
     stats_t count = {0, 0, 0, 0, 0};

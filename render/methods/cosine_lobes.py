@@ -27,9 +27,9 @@ COS2_WIDE = 0.25
 WIDE_RINGS = 32
 WIDE_SECTORS = 64
 
-# Up to this tangent of the light's half-angle, bit counts alone give the diffuse term: the cells' solid angles
-# differ by 6 % there, and what matters is only how that correlates with the shadow (docs/theory.md).
-LARGEST_MOMENT_H = 0.12
+# Up to this tangent of the light's half-angle, bit counts alone give the diffuse term, as if all cells weighed the
+# same. Measured on the bunny's shadow: 0.08 % error instead of 0.07 % at h = 0.14, 0.25 % instead of 0.11 % at 0.38.
+LARGEST_MOMENT_H = 0.2
 
 # Lobes that collect less than this part of their integral from a light are not worth its cells.
 NEGLIGIBLE_LOBE = 1e-5
@@ -41,7 +41,7 @@ def kernel_units() -> list[tuple[str, str]]:
     return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in UNITS]
 
 
-def kernel_defines(vector_width: int, depth: int, mode: str, *, glossy: bool) -> dict[str, int | float]:
+def kernel_defines(vector_width: int, depth: int, mode: str, *, glossy: bool) -> dict[str, int | float | str]:
     """Compile-time constants of one program variant."""
     rows = 2**depth
     row_width = min(vector_width, rows)
@@ -78,6 +78,7 @@ class CosineLobes:
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
         self._points: tuple[GBuffer, Any, NDArray] | None = None
+        self._kernels: dict[tuple[tuple[str, Any], ...], Any] = {}
 
     def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
         """Direct light at every point, from every light, through every blocker."""
@@ -90,8 +91,7 @@ class CosineLobes:
         glossy = len(exponents) > 0
         mask = scene.shading.mask
         defines = kernel_defines(device.info.vector_width, mask.depth, mask.mode, glossy=glossy)
-        program = device.build(kernel_units(), defines)
-        kernel = program.shade
+        kernel = self._kernel(defines)
         build_seconds = time.perf_counter() - start
 
         points, origin = self._upload_points(gbuffer)
@@ -122,6 +122,13 @@ class CosineLobes:
         result = device.download(radiance, (n, 3), np.float32)
         counts = device.download(stats, (n,), layout.STATS)
         return Shading(result, launch.seconds, build_seconds, _summary(counts, len(lights), blockers))
+
+    def _kernel(self, defines: dict[str, Any]) -> Any:
+        """The kernel of one program variant."""
+        key = tuple(defines.items())
+        if key not in self._kernels:
+            self._kernels[key] = self._device.build(kernel_units(), defines).shade
+        return self._kernels[key]
 
     def _upload_points(self, gbuffer: GBuffer) -> tuple[Any, NDArray]:
         """The points relative to their middle, so that float32 serves scenes far from the origin.
