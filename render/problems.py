@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from coslobe.core.errors import InvalidInput
 from coslobe.render.scenepaths import keys_of, model_at, suggestion
-from coslobe.render.yamlfile import Document, KeyPath
+from coslobe.render.yamlfile import Document, KeyPath, printable
 
 _NOTHING = object()
 
@@ -45,7 +45,7 @@ class Problem:
         """ "key.path: message (got value)"."""
         key = ".".join(map(str, self.path))
         got = "" if self.value is _NOTHING or isinstance(self.value, dict) else f" (got {_short(self.value)})"
-        return f"{key}: {self.message}{got}" if key else f"{self.message}{got}"
+        return printable(f"{key}: {self.message}{got}" if key else f"{self.message}{got}")
 
 
 def problems_of(error: ValidationError, model: type[BaseModel] | None, data: Any) -> list[Problem]:
@@ -62,7 +62,11 @@ def problems_of(error: ValidationError, model: type[BaseModel] | None, data: Any
             problems.append(Problem(path, f"unknown key{suggestion(str(path[-1]), known)}"))
             continue
         message = _WORDS[kind].format(**detail.get("ctx", {})) if kind in _WORDS else detail["msg"]
-        problems.append(Problem(path, message, _NOTHING if kind == "missing" else _written(data, path)))
+        if kind == "missing":
+            value = _NOTHING
+        else:
+            value = path[-1] if "[key]" in detail["loc"] else _written(data, path)
+        problems.append(Problem(path, message, value))
     return problems
 
 

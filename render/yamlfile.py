@@ -98,8 +98,8 @@ class _Reader:
             _CORE + "float": constructor.construct_yaml_float,
             _CORE + "bool": constructor.construct_yaml_bool,
             _CORE + "null": lambda node: None,
-            _CORE + "str": lambda node: node.value,
-            _CORE + "timestamp": lambda node: node.value,  # looks like a date, means the text
+            _CORE + "str": _text,
+            _CORE + "timestamp": _text,  # looks like a date, means the text
         }
         self._open: set[int] = set()  # the nodes being read, to notice one inside itself
         self._count = 0
@@ -147,7 +147,19 @@ class _Reader:
             raise self._error(node, f"not a value of its type (got {node.value[:60]})") from error
 
     def _error(self, node: Any, message: str) -> InvalidInput:
-        return InvalidInput(f"{_place(self._name, node.start_mark)}: {message}")
+        return InvalidInput(f"{_place(self._name, node.start_mark)}: {printable(message)}")
+
+
+def printable(text: str) -> str:
+    """`text` with line breaks and control characters escaped, for one line of a message."""
+    return "".join(
+        sign if sign.isprintable() else sign.encode("unicode_escape").decode("ascii") for sign in text
+    )
+
+
+def _text(node: Any) -> str:
+    """The node's text; JSON's escaped surrogate pairs become the characters that they stand for."""
+    return node.value.encode("utf-16", "surrogatepass").decode("utf-16")
 
 
 def _place(name: str, mark: Any) -> str:

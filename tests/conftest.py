@@ -46,3 +46,58 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"test data not found at {DATA}")
     return DATA
+
+
+CUBE = """\
+v -0.2 0.0 -0.2\nv 0.2 0.0 -0.2\nv 0.2 0.4 -0.2\nv -0.2 0.4 -0.2
+v -0.2 0.0 0.2\nv 0.2 0.0 0.2\nv 0.2 0.4 0.2\nv -0.2 0.4 0.2
+f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 4 8 7 3\nf 1 5 8 4\nf 2 3 7 6
+"""
+
+TINY = """\
+coslobe: 1
+camera: {look_at: {origin: [-1, 1.2, 1.5], target: [0, 0.2, 0]}, fov: 40}
+image: {width: 21, height: 16}
+sequence: {frames: 4, fps: 10}
+materials:
+  floor: {lambert: {albedo: 0.5}}
+  clay: {phong: {kd: [0.3, 0.2, 0.1], ks: 0.2, exponent: 20}}
+lights:
+  key: {sphere: {center: [0.5, 1.5, 0.5], radius: 0.2, radiance: [20, 18, 15]}}
+objects:
+  ground: {plane: {size: 2}, material: floor}
+  cube: {mesh: cube.obj, spheres: {file: cube.spheres.json}, material: clay}
+animation:
+  - {target: objects.cube.transform.rotate_y, keys: {0: 0, 3: 45}}
+  - {target: lights.key.sphere.center, keys: {0: [0.5, 1.5, 0.5], 3: [-0.5, 1.5, 0.5]}}
+"""
+
+
+@pytest.fixture
+def tiny_scene(tmp_path: Path) -> Path:
+    """A scene file of four tiny frames: a cube with one sphere on a plane, turning, and a moving light."""
+    import numpy as np
+
+    from coslobe.core.files import sha256
+    from coslobe.spheresets.files import write_spheres
+    from coslobe.spheresets.model import Hierarchy, MeshInfo, SphereSet, SphereTree
+
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    (folder / "cube.obj").write_text(CUBE)
+    centers, radii, one = np.array([[0.0, 0.2, 0.0]]), np.array([0.25]), np.array([1], np.int32)
+    tree = SphereTree(
+        levels=(SphereSet(centers, radii, np.array([0.05])),),
+        parents=(np.array([-1], np.int32),),
+        hierarchy=Hierarchy(centers, radii, one, one),
+        mesh=MeshInfo("cube.obj", sha256(folder / "cube.obj"), 8, 12),
+        method="balanced",
+        quality="fast",
+        mode="balanced",
+        seed=0,
+        seconds=0.0,
+    )
+    write_spheres(folder / "cube.spheres.json", tree)
+    path = folder / "tiny.yaml"
+    path.write_text(TINY)
+    return path
