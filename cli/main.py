@@ -2,7 +2,7 @@
 
 import typer
 
-from coslobe.cli import check, devices, render, schema, tables
+from coslobe.cli import check, demo, devices, evaluate, reference, render, schema, tables
 from coslobe.core.version import VERSION
 
 app = typer.Typer(
@@ -31,9 +31,12 @@ def _options(
 
 app.add_typer(tables.app, name="tables")
 app.command()(render.render)
+app.command()(reference.reference)
+app.command("eval")(evaluate.evaluate)
 app.command()(check.check)
 app.command()(schema.schema)
 app.command()(devices.devices)
+app.command()(demo.demo)
 
 
 def main() -> None:

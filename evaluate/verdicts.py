@@ -26,13 +26,13 @@ class Verdict:
 
 
 def percent(value: float | None) -> str:
-    """A share as text with two significant digits: 0.0021 becomes "0.21 %"."""
+    """A share as text with two significant digits, but no more than two decimals: "0.21 %", "-12 %"."""
     if value is None:
         return "–"
-    if value == 0:
-        return "0 %"
-    digits = f"{100 * value:.2g}"
-    return f"{float(digits):g} %".replace("-", "−")
+    shown = float(f"{100 * value:.2g}")
+    text = f"{shown:.2f}" if abs(shown) < 1 else f"{shown:g}"
+    text = text.replace("-0.00", "0.00").replace("-", "−")
+    return f"{text}\N{NO-BREAK SPACE}%"
 
 
 def verdicts(mean: dict[str, float | None], frames: Sequence[dict[str, Any]]) -> list[Verdict]:
@@ -72,7 +72,7 @@ def _share(light: float, shape: float) -> str:
     if shape <= light:
         return "The shape of the spheres adds nothing to it that could be measured."
     share = 1 - (light / shape) ** 2
-    return f"About {share:.0%} of the squared error comes from the shape of the spheres."
+    return f"About {percent(share)} of the squared error comes from the shape of the spheres."
 
 
 def _light_verdict(light: float, noise: float) -> Verdict:

@@ -99,7 +99,7 @@ def _tiles(document: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def _tile(name: str, share: float | None, note: str) -> dict[str, str]:
-    value, _, unit = percent(share).partition(" ")
+    value, _, unit = percent(share).partition("\N{NO-BREAK SPACE}")
     return {"name": name, "value": value, "unit": unit, "note": note}
 
 
@@ -146,17 +146,18 @@ def _error_table(document: dict[str, Any]) -> dict[str, Any]:
     return {
         "title": "Errors",
         "text": "≈ marks a difference that is no larger than the reference's own noise.",
+        "groups": [("", 2), ("against the same spheres", 3), ("against the true meshes", 5)],
         "columns": [
             "",
-            "Pixels",
-            "RMSE, spheres",
-            "Noise",
-            "Bias, spheres",
-            "RMSE, meshes",
-            "Noise",
-            "Bias, meshes",
-            "Mean |error|, meshes",
-            "Largest, meshes",
+            "pixels",
+            "relative RMSE",
+            "noise",
+            "bias",
+            "relative RMSE",
+            "noise",
+            "bias",
+            "mean |error|",
+            "largest",
         ],
         "rows": rows,
         "notes": [
@@ -209,15 +210,16 @@ def _time_table(document: dict[str, Any]) -> dict[str, Any]:
     return {
         "title": "Times",
         "text": "What was there already keeps the time that it took when it was made.",
+        "groups": [("", 2), ("rendering", 4), ("references", 2)],
         "columns": [
             "",
-            "Points",
-            "Light kernels",
+            "points",
+            "light kernels",
             "Mpoints/s",
-            "Visibility",
-            "Whole frame",
-            "Reference, spheres",
-            "Reference, meshes",
+            "visibility",
+            "whole frame",
+            "same spheres",
+            "true meshes",
         ],
         "rows": rows,
         "notes": [

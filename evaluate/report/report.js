@@ -23,7 +23,8 @@ for (const frame of document.querySelectorAll(".frame")) {
   const split = () => stage.style.setProperty("--split", `${slider.value}%`);
   slider.addEventListener("input", split);
   split();
-  viewer.hidden = cards.length < 2;
+  viewer.hidden = false;
+  frame.classList.add("with-viewer"); /* which shows the plain pictures: their cards can go */
 }
 
 /* The sequence as a small player over its strip of frames. */

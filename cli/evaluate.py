@@ -1,0 +1,74 @@
+"""`coslobe eval`: how wrong, how fast, and compared with what."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from coslobe.cli.common import DeviceOption, JsonOption, command, print_json, progress, say
+from coslobe.cli.options import FramesOption, OutOption, SetOption
+from coslobe.cli.reference import SamplesOption
+
+
+@command
+def evaluate(
+    scene: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[SCENE]",
+            help="Scene file (YAML).",
+            exists=True,
+            dir_okay=False,
+            show_default="the bunny scene of the paper's Fig. 17",
+        ),
+    ] = None,
+    out: OutOption = None,
+    frames: FramesOption = None,
+    spp: SamplesOption = 256,
+    set_: SetOption = None,
+    device: DeviceOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Render a scene, path-trace references of it, and report errors and times."""
+    from coslobe import configs
+    from coslobe.core.device import open_device
+    from coslobe.evaluate import evaluation
+    from coslobe.render.plan import select_frames
+    from coslobe.render.scene import load_scene
+
+    scene_file = load_scene(scene or configs.path("fig17"), set_ or ())
+    with progress() as listener:
+        document = evaluation.evaluate(
+            scene_file,
+            out or Path("out", scene_file.name),
+            frames=select_frames(frames, scene_file.frames),
+            samples=spp,
+            device=open_device(device),
+            command=command_line(),
+            progress=listener,
+        )
+    show(document, json)
+
+
+def command_line() -> str:
+    """What was typed, for the report."""
+    return shlex.join(["coslobe", *sys.argv[1:]])
+
+
+def show(document: dict[str, Any], json: bool) -> None:
+    """Print the result of an evaluation."""
+    from coslobe.evaluate.verdicts import percent
+
+    if json:
+        print_json(document)
+        return
+    for frame in document["frames"]:
+        spheres, noise, mesh = (
+            percent(frame[name]) for name in ("relative_rmse_spheres", "noise_spheres", "relative_rmse_mesh")
+        )
+        say(
+            f"frame {frame['index']}: error {spheres} with the same spheres (noise {noise}), {mesh} with the meshes"
+        )
+    say(f"report: {document['report']}")
