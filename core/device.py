@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -243,7 +244,9 @@ class Device:
         key = (source, options)
         if key not in self._programs:
             try:
-                self._programs[key] = self._cl.Program(self.context, source).build(list(options))
+                with warnings.catch_warnings():  # some compilers always have something to say
+                    warnings.simplefilter("ignore", self._cl.CompilerWarning)
+                    self._programs[key] = self._cl.Program(self.context, source).build(list(options))
             except self._cl.Error as error:
                 raise CoslobeError(
                     f"{self.info.name}: kernels do not build\n{error}", "try another --device"
