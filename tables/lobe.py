@@ -49,11 +49,17 @@ def peak_angle(e1: ArrayLike, e2: ArrayLike, alpha: ArrayLike) -> NDArray:
     The root of e1 tan t = e2 tan(alpha - t), written without cancellation for all alpha in [0, pi];
     alpha / 2 where both exponents are 0 and every direction is as good.
     """
-    e1, e2, alpha = (np.asarray(x, np.float64) for x in (e1, e2, alpha))
+    e1, e2, alpha = _without_traces(e1), _without_traces(e2), np.asarray(alpha, np.float64)
     c, s, total = np.cos(alpha), np.sin(alpha), e1 + e2
     root = np.hypot(total * c, 2 * np.sqrt(e1 * e2) * s)
     t = np.where(c >= 0, np.arctan2(2 * e2 * s, total * c + root), np.arctan2(root - total * c, 2 * e1 * s))
     return np.where(total == 0, alpha / 2, t)
+
+
+def _without_traces(e: ArrayLike) -> NDArray:
+    """Exponents, with 0 for those that change no digit but would put a peak on the edge of a hemisphere."""
+    e = np.asarray(e, np.float64)
+    return np.where(e < 1e-14, 0.0, e)
 
 
 def log_product_integral(e1: ArrayLike, e2: ArrayLike, alpha: ArrayLike) -> NDArray:
@@ -65,7 +71,8 @@ def log_product_integral(e1: ArrayLike, e2: ArrayLike, alpha: ArrayLike) -> NDAr
     """
     e1, e2, alpha = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (e1, e2, alpha)))
     nodes = _quadrature(e1.ravel(), e2.ravel(), alpha.ravel())
-    log_j = nodes.log_peak + np.log(nodes.weights.sum(axis=0))
+    with np.errstate(divide="ignore"):  # at alpha = pi nothing is left
+        log_j = nodes.log_peak + np.log(nodes.weights.sum(axis=0))
     return (betaln((e1 + e2 + 2) / 2, 0.5).ravel() + log_j).reshape(e1.shape)
 
 
@@ -174,8 +181,7 @@ def _log_integrand(e1: NDArray, e2: NDArray, from_end: NDArray, from_start: NDAr
 
 
 def _quadrature(e1: NDArray, e2: NDArray, alpha: NDArray) -> _Nodes:
-    # Exponents this small change no digit, but their peak would lie on the edge of the hemisphere.
-    e1, e2 = (np.where(e < 1e-14, 0.0, e) for e in (e1, e2))
+    e1, e2 = _without_traces(e1), _without_traces(e2)
     t = peak_angle(e1, e2, alpha)
     # Distances from the peak to both ends of the common hemisphere; phi is never formed, so that nothing
     # cancels near the ends.
