@@ -68,9 +68,12 @@ def render_sequence(
     )
     remove_leftovers(out_dir)
     remove_leftovers(folder)
-    renderer = _Renderer(scene_file, assets, device, layers, progress)
+    renderer = _Renderer(scene_file, assets, device, layers)
     records: list[dict[str, Any]] = []
     try:
+        pending = [planned.index for planned in plan if not planned.done]
+        if pending:
+            renderer.prepare(pending[0], progress)
         with progress.task("rendering", len(plan)) as advance:
             for planned in plan:
                 records.append(_record(planned) if planned.done else renderer.render(planned))
@@ -91,16 +94,13 @@ def render_sequence(
 class _Renderer:
     """Renders frame after frame; keeps what they have in common, and sums up what the method reports."""
 
-    def __init__(
-        self, scene_file: SceneFile, assets: Assets, device: Device, layers: Sequence[str], progress: Progress
-    ) -> None:
+    def __init__(self, scene_file: SceneFile, assets: Assets, device: Device, layers: Sequence[str]) -> None:
         self.build_seconds = 0.0
         self.skipped: Counter[str] = Counter()
         self._scene_file = scene_file
         self._assets = assets
         self._device = device
         self._layers = layers
-        self._progress = progress
         self._method: Method | None = None
         self._gbuffer: GBuffer | None = None
         self._seen: Any = None
@@ -108,23 +108,31 @@ class _Renderer:
 
     @property
     def frames_per_second(self) -> float:
-        """Of the frames rendered so far, everything included; 0 before the first."""
+        """Of the frames rendered so far, without preparations; 0 before the first."""
         return self._frames / self._seconds if self._frames else 0.0
 
+    def prepare(self, frame: int, progress: Progress) -> None:
+        """Load, fit and build what `frame` has in common with later frames; it does not count as its time."""
+        scene = self._scene_file.at(frame)
+        self._method = create_method(scene.shading.method, self._device, progress)
+        world_blockers(scene, self._assets)
+        for obj in scene.objects.values():
+            if obj.mesh is not None and obj.visible:
+                self._assets.raycaster(obj)
+
     def render(self, planned: PlannedFrame) -> dict[str, Any]:
-        """Render and write one frame; its record."""
+        """Render and write one frame; its record. Building programs does not count as the frame's time."""
+        assert self._method is not None
         start = time.perf_counter()
         scene = self._scene_file.at(planned.index)
         gbuffer = self._visible(scene)
         gbuffer_seconds = time.perf_counter() - start
         blockers = world_blockers(scene, self._assets)
-        if self._method is None:
-            self._method = create_method(scene.shading.method, self._device, self._progress)
         shading = self._method.shade(scene, gbuffer, blockers)
         self.build_seconds += shading.build_seconds
         self.skipped.update(shading.skipped)
         _write_pictures(planned, gbuffer, shading.radiance, self._layers)
-        seconds = time.perf_counter() - start
+        seconds = time.perf_counter() - start - shading.build_seconds
         self._frames, self._seconds = self._frames + 1, self._seconds + seconds
         return _record(planned, len(gbuffer.position), shading.kernel_seconds, gbuffer_seconds, seconds)
 
