@@ -58,6 +58,11 @@ class DeviceInfo:
     ok: bool
     why: str
 
+    @property
+    def title(self) -> str:
+        """The text that `--device` is matched against."""
+        return f"{self.platform} {self.version} {self.name}"
+
 
 def devices(*, fresh: bool = False) -> list[DeviceInfo]:
     """Every OpenCL device with the widest vectors that it survives, found by a probe in a child process.
@@ -122,7 +127,7 @@ def _names(device: Any) -> dict[str, str]:
 
 
 def _title(device: Any) -> str:
-    """The text that `--device` is matched against."""
+    """As `DeviceInfo.title`, before anything is known about the device."""
     return " ".join(_names(device).values())
 
 
@@ -249,7 +254,7 @@ class Device:
                     self._programs[key] = self._cl.Program(self.context, source).build(list(options))
             except self._cl.Error as error:
                 raise CoslobeError(
-                    f"{self.info.name}: kernels do not build\n{error}", "try another --device"
+                    f"{self.info.title}: kernels do not build\n{error}", "try another --device"
                 ) from error
         return self._programs[key]
 

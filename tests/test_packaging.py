@@ -267,17 +267,41 @@ def test_documented_commands_exist(document):
     for words in typed(document):
         if words[:1] == ["make"] and len(words) > 1:
             assert words[-1] in targets, words
-        if words[:1] == ["coslobe"] and len(words) > 1 and not words[1].startswith("-"):
+        if words[:1] == ["coslobe"] and len(words) > 1 and words[1].islower() and words[1].isalpha():
             name = " ".join(words[1:3]) if words[1] == "tables" else words[1]
             assert name in known, words
             options = {word.split("=")[0] for word in words if re.fullmatch(r"-[a-z]|--[a-z-]+(=.*)?", word)}
-            assert options <= known[name], words
+            assert options <= known[name] | {"--help"}, words
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
 def test_documented_files_exist(document):
     targets = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", document.read_text())
     assert [target for target in targets if not (document.parent / target).exists()] == []
+
+
+def test_index_lists_every_document():
+    index = (ROOT / "docs" / "README.md").read_text()
+    names = [path.name for path in (ROOT / "docs").glob("*.md") if path.name != "README.md"]
+    assert [name for name in names if f"({name})" not in index] == []
+
+
+@pytest.mark.parametrize("language", ["Python", "OpenCL"])
+def test_names_of_the_notation_exist(language):
+    pattern = {"Python": "*.py", "OpenCL": "*.cl"}[language]
+    sources = "\n".join(path.read_text() for room in MAY_IMPORT for path in (ROOT / room).rglob(pattern))
+    known = set(re.findall(r"\w+", sources))
+    column, names = None, set()
+    for line in (ROOT / "docs" / "notation.md").read_text().splitlines():
+        cells = [cell.strip() for cell in line.split("|")]
+        if language in cells:
+            column = cells.index(language)
+        elif len(cells) == 1:
+            column = None
+        elif column is not None:
+            names |= {part for name in re.findall(r"`([^`]+)`", cells[column]) for part in name.split(".")}
+    assert names
+    assert names - known == set()
 
 
 def test_continuous_integration_runs_what_the_readme_says():
