@@ -2,7 +2,7 @@
 
 import typer
 
-from coslobe.cli import check, demo, devices, evaluate, reference, render, schema, tables
+from coslobe.cli import check, demo, devices, evaluate, reference, render, schema, spheres, tables
 from coslobe.core.version import VERSION
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ def _options(
 
 
 app.add_typer(tables.app, name="tables")
+app.command()(spheres.spheres)
 app.command()(render.render)
 app.command()(reference.reference)
 app.command("eval")(evaluate.evaluate)

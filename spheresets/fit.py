@@ -1,11 +1,29 @@
 """From a mesh to a sphere tree: method, levels, hierarchy, cache."""
 
-from coslobe.core.device import Device
-from coslobe.core.progress import SILENT, Progress
-from coslobe.spheresets.mesh import Mesh
-from coslobe.spheresets.model import SphereTree
+import hashlib
+import time
+from dataclasses import replace
+from functools import lru_cache
+from importlib.resources import files
+from itertools import pairwise
 
-METHODS = ("balanced",)
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core import cache
+from coslobe.core.device import Device
+from coslobe.core.errors import InvalidInput, UsageError
+from coslobe.core.progress import SILENT, Progress
+from coslobe.spheresets.balanced import Balanced
+from coslobe.spheresets.files import SUFFIX, read_spheres, write_spheres
+from coslobe.spheresets.mesh import Mesh
+from coslobe.spheresets.metrics import measure
+from coslobe.spheresets.model import MeshInfo, SphereSet, SphereTree
+from coslobe.spheresets.outside import outside_distances
+from coslobe.spheresets.solid import Solid
+from coslobe.spheresets.tree import bounding_hierarchy, level_counts, parents
+
+METHODS = {"balanced": Balanced}
 QUALITIES = ("fast", "best")
 MODES = ("balanced",)
 
@@ -31,8 +49,33 @@ def fit_spheres(
     ------
     UsageError
         `method`, `quality` or `mode` is unknown, or `count` or `levels` is below 1.
+    InvalidInput
+        The mesh encloses no volume.
     """
-    raise NotImplementedError
+    check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
+    started = time.perf_counter()
+    with progress.task("sampling the mesh", 1) as advance:
+        solid = Solid(mesh)
+        fits = METHODS[method](solid, quality=quality, seed=seed, device=device)
+        advance()
+    counts = level_counts(count, levels)
+    fitted = [fits.fit(n, coarse=n != count, progress=progress) for n in counts]
+    # The hierarchy is built in file coordinates, where its containment has to hold to the last bit.
+    order, hierarchy = bounding_hierarchy(_to_file(solid, fitted[-1]))
+    fitted[-1] = fitted[-1][order]
+    above = [np.full(counts[0], -1, np.int32)]
+    above += [parents(below, coarser) for coarser, below in pairwise(fitted)]
+    return SphereTree(
+        levels=tuple(_level(solid, spheres) for spheres in fitted),
+        parents=tuple(above),
+        hierarchy=hierarchy,
+        mesh=_info(mesh),
+        method=method,
+        quality=quality,
+        mode=mode,
+        seed=seed,
+        seconds=time.perf_counter() - started,
+    )
 
 
 def cached_spheres(
@@ -41,9 +84,76 @@ def cached_spheres(
     *,
     method: str = "balanced",
     quality: str = "fast",
+    mode: str = "balanced",
     seed: int = 0,
+    levels: int | None = None,
+    metrics: bool = False,
     device: Device,
     progress: Progress = SILENT,
 ) -> SphereTree:
-    """The fitted tree from the cache; fitted and stored on first use, with a line that says so."""
-    raise NotImplementedError
+    """`fit_spheres` from the cache; fitted and stored on first use, with a line that says so.
+
+    With `metrics`, the tree has them; else only where an earlier call wanted them.
+    """
+    check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
+    settings = {"method": method, "quality": quality, "mode": mode, "seed": seed, "levels": levels}
+    key = cache.digest(_recipe(), _geometry(mesh), count, settings, _identity(device))
+    path = cache.entry("spheres", key, SUFFIX)
+    try:
+        tree = replace(read_spheres(path), mesh=_info(mesh))
+    except InvalidInput:  # not there yet, or damaged
+        progress.say(f"fitting {count} spheres to {mesh.file} (kept for next time)")
+        tree = fit_spheres(mesh, count, **settings, device=device, progress=progress)
+        write_spheres(path, tree)
+    if metrics and not tree.metrics:
+        tree = replace(tree, metrics=measure(Solid(mesh), tree.finest, device, progress))
+        write_spheres(path, tree)
+    return tree
+
+
+def check_settings(count: int, *, method: str, quality: str, mode: str, levels: int | None = None) -> None:
+    """Raise UsageError where a fit cannot be asked for like this."""
+    choices = (("method", method, METHODS), ("quality", quality, QUALITIES), ("mode", mode, MODES))
+    for name, value, known in choices:
+        if value not in known:
+            raise UsageError(
+                f"{name} {value!r} does not exist in this version", f"{name} can be {' or '.join(known)}"
+            )
+    if count < 1:
+        raise UsageError(f"count must be >= 1 (got {count})", "ask for at least one sphere")
+    if levels is not None and levels < 1:
+        raise UsageError(f"levels must be >= 1 (got {levels})", "1 keeps only the finest level")
+
+
+def _to_file(solid: Solid, spheres: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([solid.center + solid.size * spheres[:, :3], solid.size * spheres[:, 3]])
+
+
+def _level(solid: Solid, spheres: NDArray[np.float64]) -> SphereSet:
+    placed = _to_file(solid, spheres)
+    return SphereSet(placed[:, :3], placed[:, 3], solid.size * outside_distances(solid, spheres))
+
+
+def _identity(device: Device) -> list[str | int]:
+    """What results depend on: other devices round differently."""
+    info = device.info
+    return [info.platform, info.version, info.name, info.vector_width]
+
+
+def _info(mesh: Mesh) -> MeshInfo:
+    return MeshInfo(mesh.file, mesh.sha256, len(mesh.vertices), len(mesh.faces))
+
+
+def _geometry(mesh: Mesh) -> str:
+    """Hash of the triangles: unlike the file's, it covers the files that a glTF file refers to."""
+    return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
+
+
+@lru_cache(maxsize=1)
+def _recipe() -> str:
+    """Hash of this room's code: a changed recipe finds nothing in the cache."""
+    room = files("coslobe.spheresets")
+    code = [file for folder in (room, room / "kernels") for file in folder.iterdir()]
+    code = [file for file in code if file.name.endswith((".py", ".cl"))]
+    texts = sorted((file.name, file.read_text(encoding="utf-8")) for file in code)
+    return cache.digest(texts)

@@ -1,0 +1,119 @@
+"""What fits learn a solid from: labelled points and lines, drawn once and shared by the levels."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core.errors import InvalidInput
+from coslobe.spheresets.directions import frames
+from coslobe.spheresets.soft_union import CHUNK
+from coslobe.spheresets.solid import Solid
+
+Array = NDArray[np.float64]
+
+BATCH = 64 * CHUNK
+NEAR_BATCHES = (8, 7)  # surface points with the smaller and the larger noise
+BOX_BATCHES = 5
+MARGIN = 0.035  # of the box for uniform points
+JUDGED = 0.35  # share of the points over which exchanges are judged
+LINES = 100_000
+
+
+@dataclass(frozen=True)
+class PointSamples:
+    """Points, in unit coordinates, and on which side of the surface they are.
+
+    Attributes
+    ----------
+    batches : float32 [k, 4, BATCH]
+        Rows x, y, z, inside (1 or 0). Each batch is a stratified sample of the whole, in the order of a
+        space-filling curve.
+    judged : float32 [4, m]
+        A part of the batches as one.
+    interior : float64 [n, 3]
+        Some of the points inside.
+    depth : float64 [n]
+        Their distance to the surface.
+    """
+
+    batches: NDArray[np.float32]
+    judged: NDArray[np.float32]
+    interior: Array
+    depth: Array
+
+
+@dataclass(frozen=True)
+class LineSamples:
+    """Isotropic random lines, uniform through the box's circumsphere, and which of them hit the solid.
+
+    Attributes
+    ----------
+    origins, directions : float64 [n, 3]
+    hit : bool [n]
+    """
+
+    origins: Array
+    directions: Array
+    hit: NDArray[np.bool_]
+
+
+def draw_points(
+    solid: Solid, noise: tuple[float, float], scale: int, interior: int, rng: np.random.Generator
+) -> PointSamples:
+    """`scale` times 20 batches: 15 of surface points displaced by normal noise, 5 uniform in the box.
+
+    Surface points count alike, so the loss weighs the mesh by area, which is what silhouettes want. The two
+    widths of `noise` place some close to the surface and some where they can call a sphere from afar.
+
+    Raises
+    ------
+    InvalidInput
+        The mesh encloses no volume.
+    """
+    near = []
+    for batches, width in zip(NEAR_BATCHES, noise, strict=True):
+        surface = solid.sample_surface(batches * scale * BATCH, rng)
+        near.append(surface + rng.normal(0, width, surface.shape))
+    box = rng.uniform(solid.lower - MARGIN, solid.upper + MARGIN, (BOX_BATCHES * scale * BATCH, 3))
+    points = np.concatenate([*near, box])
+    inside = solid.inside(points)
+    if np.count_nonzero(inside) < len(points) // 1000:
+        raise InvalidInput(
+            f"{solid.name}: the mesh encloses no volume (open sheets?)",
+            "close it, or give its sheets thickness",
+        )
+
+    # Consecutive points of the curve go to different batches: each batch holds one of every group.
+    curve = np.argsort(_morton(points), kind="stable").reshape(BATCH, -1)
+    rows = np.column_stack([points, inside]).astype(np.float32)
+    batches = np.ascontiguousarray(rows[rng.permuted(curve, axis=1).T].transpose(0, 2, 1))
+    judged = np.concatenate(batches[: round(JUDGED * len(batches))], axis=1)
+
+    chosen = np.flatnonzero(inside)
+    chosen = np.sort(rng.choice(chosen, min(interior, len(chosen)), replace=False))
+    return PointSamples(batches, judged, points[chosen], solid.distance(points[chosen]))
+
+
+def draw_lines(solid: Solid, rng: np.random.Generator) -> LineSamples:
+    """Lines under which the mean projected area of any shape in the box is its share of hits."""
+    directions = rng.normal(size=(LINES, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    s, t = frames(directions)
+    radius = 0.5 * np.sqrt(rng.random((LINES, 1)))
+    angle = 2 * np.pi * rng.random((LINES, 1))
+    origins = radius * (np.cos(angle) * s + np.sin(angle) * t)
+    return LineSamples(origins, directions, solid.occluded(origins - directions, directions, np.inf))
+
+
+def _morton(points: Array) -> NDArray[np.int64]:
+    """Position of each point on the Z-order curve through a grid of 1024^3 cells."""
+    lower, upper = points.min(0), points.max(0)
+    cells = ((points - lower) / (upper - lower).max() * 1023).astype(np.int64)
+    code = np.zeros(len(points), np.int64)
+    for axis in range(3):
+        x = cells[:, axis]
+        for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
+            x = (x | (x << shift)) & mask  # two zeros between neighbouring bits, in four steps
+        code |= x << axis
+    return code

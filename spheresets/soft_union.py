@@ -1,0 +1,203 @@
+"""The soft union of spheres and its cross-entropy against a solid, on an OpenCL device.
+
+The functions of this module are the float64 twins of the kernels in `kernels/soft_union.cl`: what the kernels
+compute, without culling by chunks. `SoftUnion` runs the kernels. Lengths are in unit coordinates.
+
+Occupancy odds of a point p: S = BACKGROUND + sum_i e_i, e_i = exp((r_i - |p - c_i|) / tau), so that log S is
+the log-sum-exp soft union. Loss: binary cross-entropy of S / (1 + S) with "p is inside the solid".
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core.device import Device
+from coslobe.spheresets.programs import kernels
+
+CUTOFF = 8.0  # in tau: spheres farther than this from a point do not count there
+BACKGROUND = float(np.exp(-CUTOFF))  # keeps the loss finite where nothing covers a point
+DEEPEST = 30.0  # in tau: deeper points count as this deep
+SMALLEST = 1e-5  # radius
+BETA1, BETA2 = 0.9, 0.99  # decay of Adam's moments
+CHUNK = 128  # points per work-item
+
+Array = NDArray[np.float64]
+Odds = tuple[NDArray[np.float32], NDArray[np.float32]]
+
+
+@dataclass
+class State:
+    """Spheres under optimisation with Adam's moments.
+
+    Attributes
+    ----------
+    spheres, mean, square : float32 [n, 4]
+        Center and radius, and the running first and second moment of their gradient.
+    step : int
+        Steps done.
+    """
+
+    spheres: NDArray[np.float32]
+    mean: NDArray[np.float32]
+    square: NDArray[np.float32]
+    step: int = 0
+
+    @classmethod
+    def start(cls, spheres: Array) -> "State":
+        """At rest at `spheres` [n, 4]."""
+        spheres = spheres.astype(np.float32)
+        return cls(spheres, np.zeros_like(spheres), np.zeros_like(spheres))
+
+    def keep(self, index: NDArray[np.int64]) -> None:
+        """Drop all spheres that `index` does not name."""
+        self.spheres, self.mean, self.square = (a[index] for a in (self.spheres, self.mean, self.square))
+
+    def replace(self, index: NDArray[np.int64], spheres: Array) -> None:
+        """Put new spheres [k, 4] in the place of old ones; they start at rest."""
+        self.spheres[index] = spheres
+        self.mean[index] = 0
+        self.square[index] = 0
+
+
+class SoftUnion:
+    """The kernels over one set of labelled points.
+
+    Parameters
+    ----------
+    device : Device
+    batches : float32 [k, 4, n]
+        Points in k batches of n (a multiple of CHUNK): rows x, y, z, inside (1 or 0). Neighbours in a batch
+        should be neighbours in space.
+    judged : float32 [4, m]
+        Points (m a multiple of CHUNK) over which exchanges are judged.
+    """
+
+    def __init__(self, device: Device, batches: NDArray[np.float32], judged: NDArray[np.float32]) -> None:
+        self._device = device
+        self._batches = [device.upload(batch) for batch in batches]
+        self._batch_size = batches.shape[2]
+        self._judged = device.upload(judged)
+        self._n_judged = judged.shape[1]
+        defines = {
+            "WIDTH": device.info.vector_width,
+            "CHUNK": CHUNK,
+            "CUTOFF": CUTOFF,
+            "BACKGROUND": BACKGROUND,
+            "DEEPEST": DEEPEST,
+            "SMALLEST": SMALLEST,
+            "BETA1": BETA1,
+            "BETA2": BETA2,
+        }
+        names = ("gradient", "adam", "total_odds", "exchange")
+        self._kernels = kernels(device, "soft_union.cl", names, defines)
+
+    def descend(self, state: State, taus: Array, rates: Array) -> float:
+        """One step of Adam per entry of `taus` and `rates`; returns the mean loss of the last step."""
+        device, n = self._device, len(state.spheres)
+        chunks = self._batch_size // CHUNK
+        buffers = [device.upload(a) for a in (state.spheres, state.mean, state.square)]
+        spheres, mean, square = buffers
+        near, partial, losses = (
+            device.allocate(size) for size in (4 * chunks * n, 16 * chunks * n, 4 * chunks)
+        )
+        i32, f32 = np.int32, np.float32
+        for tau, rate in zip(taus, rates, strict=True):
+            points = self._batches[state.step % len(self._batches)]
+            state.step += 1
+            device.launch(
+                self._kernels["gradient"], chunks, 1,
+                points, i32(self._batch_size), spheres, i32(n), f32(tau), near, partial, losses,
+            )  # fmt: skip
+            device.launch(
+                self._kernels["adam"], n, None,
+                partial, i32(chunks), i32(n), f32(self._batch_size), i32(state.step), f32(rate),
+                mean, square, spheres,
+            )  # fmt: skip
+        state.spheres, state.mean, state.square = (device.download(b, (n, 4), f32) for b in buffers)
+        return float(device.download(losses, (chunks,), f32).astype(np.float64).sum() / self._batch_size)
+
+    def odds(
+        self, spheres: NDArray[np.float32], tau: float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """S at the judged points, and S without its largest term, [m] each."""
+        device, n, m = self._device, len(spheres), self._n_judged
+        near, total, rest = (device.allocate(4 * size) for size in (m // CHUNK * n, m, m))
+        device.launch(
+            self._kernels["total_odds"], m // CHUNK, 1,
+            self._judged, np.int32(m), device.upload(spheres), np.int32(n), np.float32(tau),
+            near, total, rest,
+        )  # fmt: skip
+        return device.download(total, (m,), np.float32), device.download(rest, (m,), np.float32)
+
+    def exchange(
+        self,
+        odds: Odds,
+        spheres: NDArray[np.float32],
+        tau: float,
+        *,
+        removing: bool,
+    ) -> Array:
+        """Change of the loss, summed over the judged points, as each sphere is taken out or put in, [n]."""
+        device, n, m = self._device, len(spheres), self._n_judged
+        chunks = m // CHUNK
+        near, partial = (device.allocate(4 * chunks * n) for _ in range(2))
+        total, rest = (device.upload(values) for values in odds)
+        device.launch(
+            self._kernels["exchange"], chunks, 1,
+            self._judged, np.int32(m), total, rest, device.upload(spheres.astype(np.float32)), np.int32(n),
+            np.float32(tau), np.int32(removing), near, partial,
+        )  # fmt: skip
+        return device.download(partial, (chunks, n), np.float32).sum(0, dtype=np.float64)
+
+
+def sphere_odds(points: Array, spheres: Array, tau: float) -> Array:
+    """e_i [m, n] of points [m, 3] and spheres [n, 4]; 0 beyond CUTOFF tau."""
+    d = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2)
+    z = (spheres[:, 3] - d) / tau
+    return np.where(z > -CUTOFF, np.exp(np.minimum(z, DEEPEST)), 0.0)
+
+
+def cross_entropy(S: Array, inside: Array) -> Array:
+    """Binary cross-entropy of odds S."""
+    return np.log1p(S) - inside * np.log(S)
+
+
+def loss_and_gradient(points: Array, inside: Array, spheres: Array, tau: float) -> tuple[Array, Array]:
+    """Loss [m] per point and gradient [n, 4] of its mean with respect to centers and radii."""
+    e = sphere_odds(points, spheres, tau)
+    S = BACKGROUND + e.sum(1)
+    slope = 1 / (1 + S) - inside / S
+    offset = points[:, None] - spheres[:, :3]
+    unit = offset / np.maximum(np.linalg.norm(offset, axis=2, keepdims=True), 1e-10)
+    g = slope[:, None] * e / tau
+    gradient = np.concatenate([np.einsum("mn,mnd->nd", g, unit), g.sum(0)[:, None]], axis=1) / len(points)
+    return cross_entropy(S, inside), gradient
+
+
+def adam(state: State, gradient: Array, rate: float) -> State:
+    """One step of Adam (Kingma and Ba 2015)."""
+    step = state.step + 1
+    mean = BETA1 * state.mean + (1 - BETA1) * gradient
+    square = BETA2 * state.square + (1 - BETA2) * gradient**2
+    spheres = state.spheres - rate * (mean / (1 - BETA1**step)) / (np.sqrt(square / (1 - BETA2**step)) + 1e-8)
+    spheres[:, 3] = np.maximum(spheres[:, 3], SMALLEST)
+    return State(spheres, mean, square, step)
+
+
+def total_odds(points: Array, spheres: Array, tau: float) -> tuple[Array, Array]:
+    """S [m], and S without its largest term."""
+    e = sphere_odds(points, spheres, tau)
+    total = BACKGROUND + e.sum(1)
+    return total, total - e.max(1)
+
+
+def exchange(
+    points: Array, inside: Array, spheres: Array, others: Array, tau: float, *, removing: bool
+) -> Array:
+    """Change of the summed loss as each of `spheres` is taken out of the union of `others` or put into it."""
+    total, _ = total_odds(points, others, tau)
+    e = sphere_odds(points, spheres, tau)
+    after = np.maximum(total[:, None] - e, BACKGROUND) if removing else total[:, None] + e
+    change = cross_entropy(after, inside[:, None]) - cross_entropy(total, inside)[:, None]
+    return np.where(e > 0, change, 0).sum(0)
