@@ -68,7 +68,6 @@ def show(document: dict[str, Any], json: bool) -> None:
         spheres, noise, mesh = (
             percent(frame[name]) for name in ("relative_rmse_spheres", "noise_spheres", "relative_rmse_mesh")
         )
-        say(
-            f"frame {frame['index']}: error {spheres} with the same spheres (noise {noise}), {mesh} with the meshes"
-        )
+        text = f"error {spheres} with the same spheres (noise {noise}), {mesh} with the meshes"
+        say(f"frame {frame['index']}: {text}")
     say(f"report: {document['report']}")

@@ -1,14 +1,19 @@
 """Points, lights and occluders as plain arrays, for tests against closed forms."""
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import trimesh
 
+from coslobe.core.files import sha256
 from coslobe.evaluate.direct import Estimate, direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres
 from coslobe.evaluate.sampling import strata
 from coslobe.render.gbuffer import GBuffer
+from coslobe.spheresets.files import write_spheres
+from coslobe.spheresets.model import Hierarchy, MeshInfo, SphereSet, SphereTree
 
 
 def unit(vector) -> np.ndarray:
@@ -79,3 +84,56 @@ class Bench:
 @pytest.fixture
 def bench() -> Bench:
     return Bench()
+
+
+BALL = 0.3
+
+SCENE = """
+coslobe: 1
+camera: {look_at: {origin: [-1.5, 1.6, 2.2], target: [0, 0.2, 0]}, fov: 40}
+image: {width: 48, height: 40}
+sequence: {frames: 3}
+materials:
+  floor: {lambert: {albedo: [0.8, 0.7, 0.6]}}
+  clay: {phong: {kd: 0.3, ks: 0.2, exponent: 20}}
+lights:
+  key: {sphere: {center: [1.0, 2.2, 0.6], radius: 0.3, radiance: [30, 28, 25]}}
+objects:
+  ground: {plane: {size: 6.0}, material: floor}
+  ball:
+    mesh: ball.ply
+    spheres: {file: ball.spheres.json}
+    material: clay
+    transform: {translate: [0, 0.35, 0]}
+animation:
+  - {target: objects.ball.transform.translate, keys: {0: [0, 0.35, 0], 2: [0.2, 0.35, 0]}}
+"""
+
+
+@pytest.fixture(scope="session")
+def ball_scene(tmp_path_factory) -> Path:
+    """A scene whose mesh is a fine icosphere and whose sphere set is the one ball around the same centre.
+
+    The vertices lie on the ball; the middles of the triangles sink in by at most edge^2 / (8 radius).
+    """
+    folder = tmp_path_factory.mktemp("ball")
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=BALL)
+    ball.export(folder / "ball.ply")
+    sphere = SphereSet(np.zeros((1, 3)), np.array([BALL]), np.array([BALL * 1e-3]))
+    one = np.zeros(1, np.int32)
+    tree = SphereTree(
+        levels=(sphere,),
+        parents=(one - 1,),
+        hierarchy=Hierarchy(np.zeros((1, 3)), np.array([BALL]), one + 1, one + 1),
+        mesh=MeshInfo("ball.ply", sha256(folder / "ball.ply"), len(ball.vertices), len(ball.faces)),
+        method="balanced",
+        quality="fast",
+        mode="balanced",
+        seed=0,
+        seconds=0.0,
+        metrics={},
+    )
+    write_spheres(folder / "ball.spheres.json", tree)
+    path = folder / "scene.yaml"
+    path.write_text(SCENE)
+    return path

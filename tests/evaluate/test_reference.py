@@ -1,0 +1,134 @@
+"""Reference images of whole scenes: meshes against spheres, files, resuming."""
+
+import numpy as np
+import pytest
+
+from coslobe.core.errors import InvalidInput
+from coslobe.evaluate.errors import compare
+from coslobe.evaluate.reference import read_reference, render_references
+from coslobe.render.assets import Assets
+from coslobe.render.images import read_exr, write_exr
+from coslobe.render.scene import load_scene
+
+
+def make(scene, folder, *, occluders="mesh", samples=64, frames=(0,), overrides=()):
+    return render_references(
+        load_scene(scene, overrides),
+        folder,
+        frames=frames,
+        occluders=occluders,
+        samples=samples,
+        assets=Assets(None),
+    )
+
+
+def test_a_fine_icosphere_and_its_ball_cast_the_same_shadow(ball_scene, tmp_path):
+    """Both references use the same random directions, so what is left is the triangles' sag.
+
+    It is below 2e-4 of the radius; it moves the shadow's edge and lets rays graze the terminator.
+    """
+    mesh = read_reference(make(ball_scene, tmp_path / "mesh")[0]["file"])
+    ball = read_reference(make(ball_scene, tmp_path / "ball", occluders="spheres")[0]["file"])
+    errors = compare(mesh.radiance[mesh.hit], ball.radiance[mesh.hit], mesh.variance[mesh.hit])
+    assert errors.relative_rmse < 0.004
+    assert abs(errors.bias) < 0.001
+    # and there is a shadow to speak of, on the ground and on the ball
+    lit = read_reference(
+        make(ball_scene, tmp_path / "lit", overrides=["objects.ball.occludes=false"])[0]["file"]
+    )
+    assert mesh.radiance.sum() < 0.97 * lit.radiance.sum()
+    ground = mesh.object == 0
+    assert (mesh.radiance[ground] == 0).any()
+
+
+def test_the_variance_predicts_the_difference_of_independent_frames(ball_scene, tmp_path):
+    """Frames of a still scene differ by noise only: their squared difference is the sum of two variances."""
+    still = ["animation=[]"]
+    first, second = (
+        read_reference(record["file"])
+        for record in make(ball_scene, tmp_path, samples=32, frames=(0, 1), overrides=still)
+    )
+    difference = np.sum((first.radiance - second.radiance) ** 2)
+    # 1500 hit pixels, unequal shares: the ratio scatters by about 5 %
+    assert difference / np.sum(first.variance + second.variance) == pytest.approx(1, abs=0.2)
+
+
+def test_samples_of_a_pixel_share_the_budget(ball_scene, tmp_path):
+    overrides = ["image.samples=4"]
+    (record,) = make(ball_scene, tmp_path, samples=64, overrides=overrides)
+    reference = read_reference(record["file"])
+    assert record["spp"] == 64
+    assert set(np.unique(reference.samples)) <= {0, 16, 32, 48, 64}
+    assert reference.samples.max() == 64
+    edge = (reference.samples > 0) & (reference.samples < 64)  # partly background
+    assert edge.any()
+
+
+def test_odd_sample_counts_are_rounded_up_and_reported(ball_scene, tmp_path):
+    (record,) = make(ball_scene, tmp_path, samples=7)
+    assert record["spp"] == 8
+    assert read_reference(record["file"]).samples.max() == 8
+
+
+@pytest.mark.parametrize("occluders", ["mesh", "spheres"])
+def test_resuming_keeps_files_and_gives_the_same_bytes(ball_scene, tmp_path, occluders):
+    settings = {"occluders": occluders, "samples": 16, "frames": (0, 2)}
+    once = make(ball_scene, tmp_path / "once", **settings)
+    contents = [record["file"].read_bytes() for record in once]
+    again = make(ball_scene, tmp_path / "once", **settings)
+    assert [record["resumed"] for record in again] == [True, True]
+    assert [record["seconds"] for record in again] == [record["seconds"] for record in once]
+    once[0]["file"].unlink()
+    once[1]["file"].write_bytes(b"broken")
+    third = make(ball_scene, tmp_path / "once", **settings)
+    assert [record["resumed"] for record in third] == [False, False]
+    assert [record["file"].read_bytes() for record in third] == contents
+
+
+@pytest.mark.parametrize(
+    ("changed", "settings"),
+    [
+        (["lights.key.sphere.radius=0.31"], {}),
+        (["materials.clay.phong.exponent=21"], {}),
+        (["camera.fov=41"], {}),
+        ([], {"samples": 32}),
+        ([], {"occluders": "spheres"}),
+    ],
+)
+def test_changed_settings_are_noticed(ball_scene, tmp_path, changed, settings):
+    make(ball_scene, tmp_path, samples=16)
+    (record,) = make(ball_scene, tmp_path, overrides=changed, **{"samples": 16, **settings})
+    assert not record["resumed"]
+
+
+def test_how_coslobe_shades_does_not_change_the_truth(ball_scene, tmp_path):
+    make(ball_scene, tmp_path, samples=16)
+    (record,) = make(ball_scene, tmp_path, samples=16, overrides=["shading.mask.depth=3"])
+    assert record["resumed"]
+
+
+def test_layers_of_the_file(ball_scene, tmp_path):
+    (record,) = make(ball_scene, tmp_path, samples=16)
+    layers, attributes = read_exr(record["file"])
+    assert set(layers) == {"beauty", "variance", "spp", "object"}
+    assert attributes["occluders"] == "mesh"
+    reference = read_reference(record["file"])
+    np.testing.assert_array_equal(reference.hit, reference.object >= 0)
+    np.testing.assert_array_equal(reference.radiance[~reference.hit], 0)
+
+
+def test_a_picture_is_not_taken_for_a_reference(tmp_path):
+    write_exr(tmp_path / "beauty.exr", {"beauty": np.zeros((4, 4, 3))}, {})
+    with pytest.raises(InvalidInput, match="no layer"):
+        read_reference(tmp_path / "beauty.exr")
+
+
+def test_hidden_objects_and_empty_scenes(ball_scene, tmp_path):
+    (record,) = make(ball_scene, tmp_path / "a", samples=8, overrides=["objects.ball.visible=false"])
+    reference = read_reference(record["file"])
+    assert set(np.unique(reference.object)) <= {-1, 0}
+    overrides = ["objects.ball.visible=false", "objects.ground.visible=false"]
+    (record,) = make(ball_scene, tmp_path / "b", samples=8, overrides=overrides)
+    assert not read_reference(record["file"]).hit.any()
+    (record,) = make(ball_scene, tmp_path / "c", samples=8, overrides=["lights={}"])
+    np.testing.assert_array_equal(read_reference(record["file"]).radiance, 0)
