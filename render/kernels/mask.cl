@@ -59,7 +59,7 @@ inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float 
         const rf q = -(b + copysign(root, b));
         const rf product = u * u - tau * (y * y + 1.0f); /* a2 x1 x2 */
         const rf safe = select(q, (rf)(1e-30f), q == 0.0f);
-        const rf x1 = q / (a2 == 0.0f ? -1e-30f : a2), x2 = product / safe;
+        const rf x1 = q / (a2 == 0.0f ? 1e-30f : a2), x2 = product / safe;
         const rf lower = fmin(x1, x2), upper = fmax(x1, x2);
         rf low, high;
         ri valid;
