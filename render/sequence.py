@@ -66,8 +66,7 @@ def render_sequence(
     plan = plan_frames(
         scene_file, folder, frames, device=device.info, layers=layers, resume=resume, assets=assets
     )
-    remove_leftovers(out_dir)
-    remove_leftovers(folder)
+    _prepare_folder(folder)
     renderer = _Renderer(scene_file, assets, device, layers)
     records: list[dict[str, Any]] = []
     try:
@@ -89,6 +88,17 @@ def render_sequence(
         "build_seconds": renderer.build_seconds,
         "skipped": dict(renderer.skipped),
     }
+
+
+def _prepare_folder(frames: Path) -> None:
+    """Make the folder, and remove what a killed run left in it and in the one above."""
+    try:
+        frames.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(frames.parent)
+        remove_leftovers(frames)
+    except OSError as error:
+        message = f"{frames}: cannot be written ({error.strerror})"
+        raise CoslobeError(message, "choose another folder with -o") from error
 
 
 class _Renderer:
