@@ -1,5 +1,6 @@
 """Meshes and sphere sets in memory, each loaded or fitted once, and the blockers of a frame in the world."""
 
+import hashlib
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -85,14 +86,17 @@ class Assets:
         return f"{spheres.count} to be fitted, unless they are in the cache"
 
     def contents(self, obj: Object) -> dict[str, Any]:
-        """The keys of the object that name files, with the SHA-256 of what is in the files instead."""
+        """The keys of the object that name files, with the SHA-256 of what is in the files instead.
+
+        For a mesh it is that of its arrays: glTF files refer to further files.
+        """
         if obj.mesh is None:
             return {}
         mesh, spheres = self.mesh(obj), obj.spheres.model_dump()
         self.inputs[mesh.file] = mesh.sha256
         if file := obj.spheres.file:
             spheres["file"] = self.inputs[file] = self._once(("hash", file), lambda: sha256(Path(file)))
-        return {"mesh": mesh.sha256, "spheres": spheres}
+        return {"mesh": self._once(("hash", mesh.file), lambda: _arrays_hash(mesh)), "spheres": spheres}
 
     def _load_spheres(self, obj: Object) -> SphereSet:
         mesh, spheres = self.mesh(obj), obj.spheres
@@ -117,6 +121,13 @@ class Assets:
         if key not in self._made:
             self._made[key] = make()
         return self._made[key]
+
+
+def _arrays_hash(mesh: Mesh) -> str:
+    digest = hashlib.sha256()
+    for array in (mesh.vertices, mesh.faces, mesh.normals):
+        digest.update(np.ascontiguousarray(array))
+    return digest.hexdigest()
 
 
 def plane_mesh(plane: Plane) -> Mesh:
