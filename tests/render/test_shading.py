@@ -1,0 +1,303 @@
+"""Whole shading of points against closed forms, invariants and the path-traced reference."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from coslobe.evaluate.direct import direct_light
+from coslobe.evaluate.occlusion import NONE, Occluders, Spheres, light_spheres
+from coslobe.evaluate.sampling import strata
+from coslobe.render import unshadowed
+from coslobe.render.assets import Blockers
+from coslobe.render.gbuffer import GBuffer
+from coslobe.render.methods.cosine_lobes import CosineLobes
+from coslobe.render.scene import Scene
+from coslobe.tables import lobe_cap
+
+EYE = np.array([-2.0, 1.5, 2.5])
+
+
+def scene(lights, *, albedo=1.0, phong=None, eye=EYE, **shading) -> Scene:
+    """Materials 0 (Lambert) and 1 (Phong), and the given (centre, radius, radiance) lights."""
+    phong = phong or {"kd": 0.2, "ks": 0.5, "exponent": 50}
+    return Scene.model_validate(
+        {
+            "camera": {"look_at": {"origin": list(eye), "target": list(eye - 1)}, "fov": 40},
+            "image": {"width": 8, "height": 8},
+            "shading": shading,
+            "materials": {"matt": {"lambert": {"albedo": albedo}}, "glossy": {"phong": phong}},
+            "lights": {
+                f"light{j}": {"sphere": {"center": list(map(float, c)), "radius": r, "radiance": radiance}}
+                for j, (c, r, radiance) in enumerate(lights)
+            },
+            "objects": {},
+        }
+    )
+
+
+def points(position, normal=(0, 1, 0), *, material=0, owner=0, eye=EYE) -> GBuffer:
+    position = np.atleast_2d(np.asarray(position, np.float64))
+    n = len(position)
+    normals = np.broadcast_to(np.asarray(normal, np.float64), (n, 3)).copy()
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    view = eye - position
+    distance = np.linalg.norm(view, axis=1)
+    ints = np.zeros(n, np.int32)
+    return GBuffer(
+        position, normals, normals, view / distance[:, None], ints + owner, ints + material,
+        np.arange(n, dtype=np.int32), distance, n, 1, 1,
+    )  # fmt: skip
+
+
+def blockers(*spheres, owner=5, outside=0.0) -> Blockers:
+    array = np.asarray(spheres, np.float64).reshape(-1, 4)
+    n = len(array)
+    return Blockers(array[:, :3], array[:, 3], np.full(n, outside), np.full(n, owner, np.int32))
+
+
+def reference(of_scene, gbuffer, blocking, samples=4096):
+    lights = light_spheres(of_scene)
+    parts = (
+        (blocking.centers, lights.centers),
+        (blocking.radii, lights.radii),
+        (blocking.outside, lights.outside),
+        (blocking.owner, lights.owner),
+        (np.full(len(blocking.radii), NONE, np.int32), lights.emitter),
+    )
+    occluders = Occluders(Spheres(*(np.concatenate(pair) for pair in parts)))
+    return direct_light(of_scene, gbuffer, occluders, strata(samples), (0,))
+
+
+def relative_rmse(found, expected):
+    return np.sqrt(np.mean((found - expected) ** 2)) / np.mean(expected)
+
+
+@pytest.fixture(scope="session")
+def method(device):
+    return CosineLobes(device)
+
+
+def plane_grid(n=24, size=3.0):
+    x = (np.arange(n) + 0.5) / n * size - size / 2
+    return np.stack([np.repeat(x, n), np.zeros(n * n), np.tile(x, n)], axis=1)
+
+
+KEY = ([1.0, 2.2, 0.6], 0.3, 30.0)
+
+
+def random_blockers(rng, n=40):
+    centre = rng.uniform([-0.5, 0.2, -0.5], [0.5, 1.0, 0.5], (n, 3))
+    return blockers(*np.concatenate([centre, rng.uniform(0.03, 0.15, (n, 1))], axis=1))
+
+
+def test_unoccluded_diffuse_light_has_its_closed_form(method):
+    """The horizon included: points of every tilt, lights near and far."""
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(500, 3))
+    at = points(rng.uniform(-1, 1, (500, 3)), normals)
+    centre, radius, radiance = [0.3, 2.5, -0.4], 0.5, 7.0
+    found = method.shade(scene([(centre, radius, radiance)], albedo=0.6), at, blockers()).radiance
+    to_light = np.asarray(centre) - at.position
+    distance = np.linalg.norm(to_light, axis=1)
+    cosine = np.einsum("ij,ij->i", at.shading_normal, to_light) / distance
+    expected = 0.6 / np.pi * radiance * unshadowed.lambert_sphere(cosine, (radius / distance) ** 2)
+    # The geometric horizon is cut in cells of the mask: 1 % of a cell row's share where it crosses the light.
+    np.testing.assert_allclose(found[:, 0], expected, atol=2e-3 * expected.max())
+    clear = np.abs(cosine) > radius / distance + 1e-3
+    np.testing.assert_allclose(found[clear, 0], expected[clear], rtol=3e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 50.0, 1000.0])
+def test_unoccluded_glossy_light_has_its_exact_integral(method, exponent):
+    """The cosine stays inside the integral: the moments of the lobe over the light's cap give it exactly."""
+    at = points(plane_grid(), material=1)
+    centre, radius, radiance = KEY
+    phong = {"kd": 0.0, "ks": 1.0, "exponent": exponent}
+    found = method.shade(scene([KEY], phong=phong), at, blockers()).radiance[:, 0]
+    to_light = np.asarray(centre) - at.position
+    distance = np.linalg.norm(to_light, axis=1, keepdims=True)
+    axis = to_light / distance
+    mirror = 2 * np.einsum("ij,ij->i", at.view, at.shading_normal)[:, None] * at.shading_normal - at.view
+    theta = np.arccos(np.clip(np.einsum("ij,ij->i", axis, mirror), -1, 1))
+    m = lobe_cap.exact(exponent, theta, np.arcsin(radius / distance[:, 0]))
+    direction = m.along_lobe[:, None] * mirror + m.towards_cap[:, None] * (
+        axis - np.cos(theta)[:, None] * mirror
+    )
+    integral = m.integral * np.einsum("ij,ij->i", direction, at.shading_normal)
+    expected = radiance * (exponent + 2) / (2 * np.pi) * integral
+    # 1e-3 of the highlight: the table's own error (tests/tables) plus float32.
+    np.testing.assert_allclose(found, expected, atol=1e-3 * expected.max())
+
+
+def test_inside_a_light_every_direction_sees_it(method):
+    """A furnace: outgoing radiance is albedo times the light's radiance, whatever the normal."""
+    rng = np.random.default_rng(1)
+    at = points(rng.uniform(-0.5, 0.5, (50, 3)), rng.normal(size=(50, 3)))
+    found = method.shade(scene([([0, 0, 0], 2.0, 3.0)], albedo=0.7), at, blockers()).radiance
+    np.testing.assert_allclose(found, 2.1, rtol=5e-3)  # 32 rings of the equal-area map
+
+
+def test_a_covered_light_is_exactly_dark(method):
+    at = points(plane_grid(8, 0.2))
+    lit = scene([([0, 3, 0], 0.3, 10.0)])
+    assert np.all(method.shade(lit, at, blockers([0, 1.5, 0, 0.4])).radiance == 0)
+    pieces = [[x, 1.0, z, 0.06] for x in np.linspace(-0.4, 0.4, 13) for z in np.linspace(-0.4, 0.4, 13)]
+    assert np.all(method.shade(lit, at, blockers(*pieces)).radiance == 0)
+
+
+def test_one_blocker_leaves_the_light_minus_a_lens(method):
+    """Visible solid angle of a small light behind one sphere, from the overlap of two circles."""
+    height, light, block = 100.0, 1.0, 0.4
+    offset = np.linspace(0, 1.0, 60)
+    at = points(np.stack([offset, 0 * offset, 0 * offset], axis=1))
+    ball = blockers([0, height / 2, 0, block])
+    found = method.shade(scene([([0, height, 0], light, 1.0)]), at, ball).radiance[:, 0]
+    free = method.shade(scene([([0, height, 0], light, 1.0)]), at, blockers()).radiance[:, 0]
+    # Seen from the ground at unit distance: radii R / h and 2 r / h, centres offset / h apart.
+    a, b, d = light, 2 * block, np.maximum(offset, 1e-9)
+    lens = np.where(
+        d <= a - b,
+        np.pi * b * b,
+        a * a * np.arccos(np.clip((d * d + a * a - b * b) / (2 * d * a), -1, 1))
+        + b * b * np.arccos(np.clip((d * d + b * b - a * a) / (2 * d * b), -1, 1))
+        - 0.5 * np.sqrt(np.maximum((a + b - d) * (d + a - b) * (d - a + b) * (d + a + b), 0)),
+    )
+    visible = 1 - lens / (np.pi * a * a)
+    # What a mask of 32 rows makes of an edge (theory, section 5): 2 % at worst, 0.4 % in general.
+    assert np.max(np.abs(found / free - visible)) < 0.02
+    assert np.sqrt(np.mean((found / free - visible) ** 2)) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("material", "exponent"), [(0, 50), (1, 50), (1, 1000)], ids=["lambert", "phong-50", "phong-1000"]
+)
+def test_shadows_match_the_reference_with_the_same_spheres(method, material, exponent):
+    rng = np.random.default_rng(2)
+    at = points(plane_grid(), material=material)
+    of = scene([KEY], phong={"kd": 0.3, "ks": 0.3, "exponent": exponent})
+    blocking = random_blockers(rng)
+    found = method.shade(of, at, blocking).radiance
+    expected = reference(of, at, blocking)
+    assert np.isfinite(found).all()
+    noise = np.sqrt(expected.variance.mean()) / expected.radiance.mean()
+    assert relative_rmse(found, expected.radiance) <= np.hypot(0.003, noise)
+
+
+def test_deeper_masks_are_more_accurate(method):
+    rng = np.random.default_rng(3)
+    at, blocking = points(plane_grid()), random_blockers(rng)
+    expected = reference(scene([KEY]), at, blocking, 16384).radiance
+    errors = [
+        relative_rmse(method.shade(scene([KEY], mask={"depth": depth}), at, blocking).radiance, expected)
+        for depth in (2, 3, 4, 5)
+    ]
+    # An edge misses by a fixed share of a cell: the error falls at least like the cell's size.
+    slope = np.polyfit(np.arange(4), np.log2(errors), 1)[0]
+    assert slope < -0.9
+
+
+def test_lights_add_up_and_block_one_another(method):
+    at = points(plane_grid(12))
+    near, far = ([0.3, 1.0, 0.0], 0.2, 4.0), ([0.6, 2.5, 0.1], 0.3, 20.0)
+    both = method.shade(scene([near, far]), at, blockers()).radiance
+    ball = blockers([*near[0], near[1]])
+    parts = (
+        method.shade(scene([near]), at, blockers()).radiance + method.shade(scene([far]), at, ball).radiance
+    )
+    np.testing.assert_allclose(both, parts, rtol=1e-5, atol=1e-6)
+    free = method.shade(scene([far]), at, blockers()).radiance
+    assert (method.shade(scene([far]), at, ball).radiance < free).any()
+
+
+def test_blockers_behind_and_beside_the_light_do_nothing(method):
+    at = points(plane_grid(12))
+    free = method.shade(scene([KEY]), at, blockers()).radiance
+    idle = blockers([1.3, 3.2, 0.8, 0.4], [0, -1, 0, 0.5], [-1.4, 1.4, -1.4, 0.1])
+    np.testing.assert_array_equal(method.shade(scene([KEY]), at, idle).radiance, free)
+
+
+def test_points_close_to_a_light(method):
+    """Cones beyond 60 degrees use another map of directions, and still match the reference."""
+    rng = np.random.default_rng(4)
+    grid = plane_grid(12, 1.0)
+    light = ([0.1, 0.45, 0.0], 0.4, 5.0)
+    blocking = blockers([0.3, 0.1, 0.3, 0.08], [-0.2, 0.05, 0.1, 0.1], [0.0, 0.03, -0.4, 0.05])
+    for material in (0, 1):
+        at = points(grid + [0, 1e-3, 0] * rng.random((144, 1)), material=material)
+        found = method.shade(scene([light]), at, blocking).radiance
+        expected = reference(scene([light]), at, blocking).radiance
+        assert np.isfinite(found).all()
+        assert relative_rmse(found, expected) < 0.02
+
+
+def test_own_spheres_follow_the_same_rule_as_in_the_reference(method):
+    """Receivers on a ball whose own sphere bulges above it, beside a foreign ball."""
+    rng = np.random.default_rng(5)
+    normals = rng.normal(size=(800, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    at = points(0.3 * normals + [0, 0.3, 0], normals, owner=0)
+    own = blockers([0, 0.3, 0, 0.305], [0.25, 0.45, 0.1, 0.08], owner=0, outside=0.02)
+    foreign = blockers([0.5, 1.2, 0.3, 0.2], owner=1)
+    joined = Blockers(
+        *(np.concatenate(pair) for pair in zip(*(vars(b).values() for b in (own, foreign)), strict=True))
+    )
+    found = method.shade(scene([KEY]), at, joined).radiance
+    expected = reference(scene([KEY]), at, joined)
+    # A mask places an edge within 2 % of the light's width (theory, section 5); a wrong rule costs 100 %.
+    assert np.max(np.abs(found - expected.radiance)) < 0.02 * expected.radiance.max()
+    lit_side = normals @ (np.asarray(KEY[0]) - [0, 0.3, 0]) > 1.2
+    assert found[lit_side].min() > 0  # the own sphere around the ball must not darken it
+
+
+@pytest.mark.parametrize("change", ["rotation", "translation", "scale"])
+def test_a_moved_scene_gives_the_same_picture(method, change):
+    rng = np.random.default_rng(6)
+    at, blocking = points(plane_grid(), material=1), random_blockers(rng)
+    expected = method.shade(scene([KEY]), at, blocking).radiance
+    turn, shift, factor = np.eye(3), np.zeros(3), 1.0
+    if change == "rotation":
+        turn = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
+    elif change == "translation":
+        shift = np.array([5e3, -2e3, 8e3])
+    else:
+        factor = 1e3
+
+    def move(p):
+        return factor * (np.asarray(p) @ turn.T) + shift
+
+    eye = move(EYE)
+    moved = points(move(at.position), at.shading_normal @ turn.T, material=1, eye=eye)
+    balls = Blockers(move(blocking.centers), factor * blocking.radii, blocking.outside, blocking.owner)
+    light = (move(KEY[0]), factor * KEY[1], KEY[2])
+    found = method.shade(scene([light], eye=eye), moved, balls).radiance
+    # A rotation turns the masks' frames, so cells fall differently; the others only round differently.
+    assert relative_rmse(found, expected) < (2e-3 if change == "rotation" else 1e-4)
+
+
+def test_order_of_blockers_and_points_does_not_matter(method):
+    rng = np.random.default_rng(7)
+    at, blocking = points(plane_grid()), random_blockers(rng, 100)
+    expected = method.shade(scene([KEY]), at, blocking).radiance
+    order = rng.permutation(100)
+    shuffled = Blockers(*(values[order] for values in vars(blocking).values()))
+    np.testing.assert_array_equal(method.shade(scene([KEY]), at, shuffled).radiance, expected)
+
+
+def test_nothing_to_shade_or_no_light(method):
+    empty = method.shade(scene([KEY]), points(np.empty((0, 3))), blockers())
+    assert empty.radiance.shape == (0, 3)
+    dark = method.shade(scene([]), points(plane_grid(4)), blockers())
+    assert np.all(dark.radiance == 0)
+
+
+def test_statistics_of_what_was_needed(method):
+    at = points(plane_grid())
+    free = method.shade(scene([KEY]), at, blockers()).skipped
+    assert free["fully_lit"] == 1
+    below = method.shade(scene([([0, -2, 0], 0.3, 1.0)]), at, blockers()).skipped
+    assert below["below_horizon"] == 1
+    shaded = method.shade(scene([KEY]), at, blockers([0.3, 0.8, 0.2, 0.3])).skipped
+    assert 0 < shaded["penumbra"] < 1
+    assert 0 < shaded["fully_dark"] < 1
+    total = sum(shaded[name] for name in ("fully_lit", "penumbra", "fully_dark", "below_horizon"))
+    assert total == pytest.approx(1)
