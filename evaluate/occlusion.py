@@ -198,7 +198,7 @@ def blocked_by_spheres(segments: Segments, spheres: Spheres) -> NDArray:
 
 
 def own_spheres_skipped(height: NDArray, distance2: NDArray, radii: NDArray, outside: NDArray) -> NDArray:
-    """Spheres of the receiver's own object that must not darken it (rule 19 of docs/evaluation.md), bool.
+    """Spheres of the receiver's own object that must not darken it: bool (docs/evaluation.md).
 
     `height` is the centre's height above the tangent plane, `distance2` its squared distance to the point.
     Sphere sets bulge by up to `outside` above the true surface: a sphere that comes so close to the point is

@@ -48,24 +48,30 @@ def write_comparison(
     path: Path, pictures: dict[str, NDArray], maps: dict[str, tuple[NDArray, NDArray, float]], title: str
 ) -> None:
     """A figure for papers and slides: linear pictures above, error maps (error, hit, scale) below."""
-    from matplotlib.colors import LinearSegmentedColormap
-    from matplotlib.figure import Figure
+    from PIL import Image, ImageDraw, ImageFont
 
-    colormap = LinearSegmentedColormap.from_list("coslobe_error", COLOURS)
-    columns = max(len(pictures), len(maps))
     height, width = next(iter(pictures.values())).shape[:2]
-    size = (3.6 * columns, 2 * (3.6 * height / width + 0.55))
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(2, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.set_axis_off()
-    for axis, (name, picture) in zip(axes[0], pictures.items(), strict=False):
-        axis.imshow(srgb(picture))
-        axis.set_title(name, fontsize=10)
-    for axis, (name, (error, hit, scale)) in zip(axes[1], maps.items(), strict=False):
-        shown = axis.imshow(np.where(hit, error, np.nan), cmap=colormap, vmin=-scale, vmax=scale)
-        axis.set_title(name, fontsize=10)
-        figure.colorbar(shown, ax=axis, orientation="horizontal", format="{x:+.2g}", shrink=0.8)
-    figure.suptitle(title, fontsize=11)
+    gap = max(width // 40, 6)
+    font = ImageFont.load_default(size=max(width // 28, 9))
+    line = round(font.size * 1.5)
+    columns, row = max(len(pictures), len(maps)), height + line + gap
+    canvas = Image.new("RGB", (gap + columns * (width + gap), gap + line + 2 * row + 2 * line), "white")
+    draw = ImageDraw.Draw(canvas)
+    draw.text((gap, gap), title, fill="black", font=font)
+    for column, (name, picture) in enumerate(pictures.items()):
+        x, y = gap + column * (width + gap), gap + line
+        draw.text((x, y), name, fill="black", font=font)
+        canvas.paste(Image.fromarray(np.rint(srgb(picture) * 255).astype(np.uint8)), (x, y + line))
+    for column, (name, (error, hit, scale)) in enumerate(maps.items(), start=columns - len(maps)):
+        x, y = gap + column * (width + gap), gap + line + row
+        draw.text((x, y), name, fill="black", font=font)
+        colours = np.where(hit[..., None], error_colours(error, scale), np.uint8(255))
+        canvas.paste(Image.fromarray(colours), (x, y + line))
+        ramp = np.broadcast_to(np.linspace(-scale, scale, width), (line // 2, width))
+        canvas.paste(Image.fromarray(error_colours(ramp, scale)), (x, y + line + height + gap // 2))
+        below = y + line + height + gap // 2 + line // 2
+        for at, anchor in ((-scale, "la"), (0.0, "ma"), (scale, "ra")):
+            place = (x + width * (at / scale + 1) / 2, below)
+            draw.text(place, f"{at:+.3g}" if at else "0", fill="black", font=font, anchor=anchor)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=150)
+        canvas.save(temporary)

@@ -30,7 +30,7 @@ def percent(value: float | None) -> str:
     if value is None:
         return "–"
     shown = float(f"{100 * value:.2g}")
-    text = f"{shown:.2f}" if abs(shown) < 1 else f"{shown:g}"
+    text = f"{shown:.{2 if abs(shown) < 1 else 1 if abs(shown) < 10 else 0}f}"
     text = text.replace("-0.00", "0.00").replace("-", "−")
     return f"{text}\N{NO-BREAK SPACE}%"
 

@@ -51,6 +51,7 @@ def test_the_background_of_an_error_map_is_transparent(tmp_path):
         (0.0, f"0.00{SPACE}%"),
         (0.00213, f"0.21{SPACE}%"),
         (0.0291, f"2.9{SPACE}%"),
+        (0.01, f"1.0{SPACE}%"),
         (0.123, f"12{SPACE}%"),
         (1.46, f"150{SPACE}%"),
         (-0.012, f"−1.2{SPACE}%"),
