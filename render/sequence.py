@@ -86,7 +86,7 @@ def render_sequence(
         "frames": records,
         "device": device.describe(),
         "build_seconds": renderer.build_seconds,
-        "skipped": dict(renderer.skipped),
+        "skipped": renderer.skipped,
     }
 
 
@@ -102,11 +102,10 @@ def _prepare_folder(frames: Path) -> None:
 
 
 class _Renderer:
-    """Renders frame after frame; keeps what they have in common, and sums up what the method reports."""
+    """Renders frame after frame; keeps what they have in common, and what the method reports."""
 
     def __init__(self, scene_file: SceneFile, assets: Assets, device: Device, layers: Sequence[str]) -> None:
         self.build_seconds = 0.0
-        self.skipped: Counter[str] = Counter()
         self._scene_file = scene_file
         self._assets = assets
         self._device = device
@@ -115,11 +114,17 @@ class _Renderer:
         self._gbuffer: GBuffer | None = None
         self._seen: Any = None
         self._frames, self._seconds = 0, 0.0
+        self._skipped: Counter[str] = Counter()
 
     @property
     def frames_per_second(self) -> float:
         """Of the frames rendered so far, without preparations; 0 before the first."""
         return self._frames / self._seconds if self._frames else 0.0
+
+    @property
+    def skipped(self) -> dict[str, float]:
+        """What the method reports as not computed, on average over the frames rendered so far."""
+        return {name: total / self._frames for name, total in self._skipped.items()}
 
     def prepare(self, frame: int, progress: Progress) -> None:
         """Load, fit and build what `frame` has in common with later frames; it does not count as its time."""
@@ -140,7 +145,7 @@ class _Renderer:
         blockers = world_blockers(scene, self._assets)
         shading = self._method.shade(scene, gbuffer, blockers)
         self.build_seconds += shading.build_seconds
-        self.skipped.update(shading.skipped)
+        self._skipped.update(shading.skipped)
         _write_pictures(planned, gbuffer, shading.radiance, self._layers)
         seconds = time.perf_counter() - start - shading.build_seconds
         self._frames, self._seconds = self._frames + 1, self._seconds + seconds

@@ -505,3 +505,19 @@ def test_the_schema_describes_every_key():
         assert part["description"]
     assert "lafortune" not in schema["$defs"]["Material"]["properties"]
     assert schema["$defs"]["Phong"]["properties"]["exponent"]["minimum"] == 0
+
+
+DOCS = Path(__file__).parents[2] / "docs" / "scene_file.md"
+
+
+def test_the_documented_scene_is_valid(tmp_path: Path):
+    block = DOCS.read_text().split("```yaml\n")[1].split("```")[0]
+    scene_file = load_scene(write(tmp_path, block.replace("bunny.ply", "sample:bunny")))
+    assert scene_file.at(59).objects["bunny"].transform.rotate_y == 360
+
+
+def test_every_key_is_documented():
+    text = DOCS.read_text()
+    for part in Description.model_json_schema()["$defs"].values():
+        for key in part["properties"]:
+            assert re.search(rf"\b{key}\b", text), key

@@ -135,7 +135,7 @@ def test_frames_manifest_and_document(tiny_scene, tmp_path, spy):
     assert sorted(contents(out / "frames")) == names
     assert (document["build_seconds"], document["skipped"], document["device"]) == (
         2.0**-19,
-        {"leaves": 4},
+        {"leaves": 2},
         {"name": "D"},
     )
     frame = document["frames"][0]
