@@ -126,7 +126,7 @@ class Assets:
 def _arrays_hash(mesh: Mesh) -> str:
     digest = hashlib.sha256()
     for array in (mesh.vertices, mesh.faces, mesh.normals):
-        digest.update(np.ascontiguousarray(array))
+        digest.update(array.tobytes())
     return digest.hexdigest()
 
 
@@ -167,13 +167,17 @@ class Blockers:
 
 def world_blockers(scene: Scene, assets: Assets) -> Blockers:
     """The spheres of all visible, occluding meshes of `scene`, placed in the world. Errors as in `Assets`."""
-    centers, radii, outside, owner = [np.empty((0, 3))], [np.empty(0)], [np.empty(0)], [np.empty(0, np.int32)]
+    parts = [Blockers(np.empty((0, 3)), np.empty(0), np.empty(0), np.empty(0, np.int32))]
     for index, obj in enumerate(scene.objects.values()):
         if not (obj.visible and obj.occludes):
             continue
-        spheres, matrix = assets.spheres(obj), obj.transform.matrix()
-        centers.append(spheres.centers @ matrix[:3, :3].T + matrix[:3, 3])
-        radii.append(spheres.radii * obj.transform.scale)
-        outside.append(spheres.outside * obj.transform.scale)
-        owner.append(np.full(len(spheres.radii), index, np.int32))
-    return Blockers(*(np.concatenate(parts) for parts in (centers, radii, outside, owner)))
+        spheres, matrix, scale = assets.spheres(obj), obj.transform.matrix(), obj.transform.scale
+        centers = spheres.centers @ matrix[:3, :3].T + matrix[:3, 3]
+        owner = np.full(len(centers), index, np.int32)
+        parts.append(Blockers(centers, spheres.radii * scale, spheres.outside * scale, owner))
+    return Blockers(
+        np.concatenate([part.centers for part in parts]),
+        np.concatenate([part.radii for part in parts]),
+        np.concatenate([part.outside for part in parts]),
+        np.concatenate([part.owner for part in parts]),
+    )
