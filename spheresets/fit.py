@@ -58,6 +58,8 @@ def fit_spheres(
         solid = Solid(mesh)
         fits = METHODS[method](solid, quality=quality, seed=seed, device=device)
         advance()
+    if not solid.closed:
+        progress.say(f"{mesh.file} is not closed: its winding number decides what is inside")
     counts = level_counts(count, levels)
     fitted = [fits.fit(n, coarse=n != count, progress=progress) for n in counts]
     # The hierarchy is built in file coordinates, where its containment has to hold to the last bit.

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 PIXELS = 340  # of a panel's side
 OVERSAMPLING = 2
-WINDOW = 1.04  # of a panel's side, in diagonals
+WINDOW = 1.06  # a panel's side, in longest sides of what is shown
 MARGIN, HEADER, LINE = 16, 56, 20
 
 # Name, viewing direction and the image's upward direction; meshes stand upright in y.
@@ -46,16 +46,16 @@ def write_preview(path: Path, mesh: Mesh, spheres: SphereSet) -> None:
     sheet = Image.new("RGB", (3 * step + MARGIN, HEADER + len(VIEWS) * (step + LINE)), "white")
     draw = ImageDraw.Draw(sheet)
     title, small = ImageFont.load_default(18), ImageFont.load_default(14)
-    for column, text in enumerate(
-        (
-            f"{mesh.name}: {len(mesh.faces):,} triangles",
-            f"{spheres.count:,} sphere{'s' if spheres.count > 1 else ''}",
-            "silhouettes: missing, extra",
-        )
-    ):
-        draw.text((MARGIN + column * step, MARGIN), text, INK, title)
+    plural = "" if spheres.count == 1 else "s"
+    draw.text((MARGIN, MARGIN), f"{mesh.name}: {len(mesh.faces):,} triangles", INK, title)
+    draw.text((MARGIN + step, MARGIN), f"{spheres.count:,} sphere{plural}", INK, title)
+    at = MARGIN + 2 * step
+    for text, color in (("silhouettes: ", INK), ("missing ", _bytes(MISSING)), ("extra", _bytes(EXTRA))):
+        draw.text((at, MARGIN), text, color, title)
+        at += draw.textlength(text, title)
     for row, (name, forward, up) in enumerate(VIEWS):
-        camera = np.array([np.cross(forward, up), up, np.negative(forward)])  # right, up, towards the viewer
+        # Rows: right, up, towards the viewer.
+        camera = np.array([np.cross(forward, up), up, np.negative(forward)])
         panels, iou = _panels(solid, mesh.normals, unit, camera)
         top = HEADER + row * (step + LINE)
         for column, panel in enumerate(panels):
@@ -64,6 +64,10 @@ def write_preview(path: Path, mesh: Mesh, spheres: SphereSet) -> None:
         draw.text((MARGIN + 2 * step, top + PIXELS + 2), f"IoU {iou:.3f}", INK, small)
     with atomic_path(path) as temporary:
         sheet.save(temporary, format="PNG")
+
+
+def _bytes(color: Array) -> tuple[int, ...]:
+    return tuple(int(255 * value) for value in color)
 
 
 def _image(panel: Array) -> Any:
@@ -79,7 +83,9 @@ def _image(panel: Array) -> Any:
 def _panels(solid: Solid, normals: Array, spheres: Array, camera: Array) -> tuple[list[Array], float]:
     """The three panels [s, s, 3] in linear light, and the intersection over union of the silhouettes."""
     side = PIXELS * OVERSAMPLING
-    steps = ((np.arange(side) + 0.5) / side - 0.5) * WINDOW
+    lower = np.minimum(solid.lower, (spheres[:, :3] - spheres[:, 3:]).min(0))
+    upper = np.maximum(solid.upper, (spheres[:, :3] + spheres[:, 3:]).max(0))
+    steps = ((np.arange(side) + 0.5) / side - 0.5) * WINDOW * 2 * max(upper.max(), -lower.min())
     right, up = np.meshgrid(steps, -steps)
     seen_mesh, mesh_normals = _mesh_view(solid, normals, right, up, camera)
     index, sphere_normals = _sphere_view(spheres @ _embedded(camera).T, steps)

@@ -78,7 +78,7 @@ def draw_points(
     box = rng.uniform(solid.lower - MARGIN, solid.upper + MARGIN, (BOX_BATCHES * scale * BATCH, 3))
     points = np.concatenate([*near, box])
     inside = solid.inside(points)
-    if np.count_nonzero(inside) < len(points) // 1000:
+    if not solid.encloses(points[inside]):
         raise InvalidInput(
             f"{solid.name}: the mesh encloses no volume (open sheets?)",
             "close it, or give its sheets thickness",

@@ -8,6 +8,7 @@ from coslobe.spheresets.mesh import Mesh
 
 FIRST_RAYS = 3
 MORE_RAYS = 13
+CHECKED, CHECK_RAYS = 500, 128
 BLOCK = 1 << 19  # rays per call: bounds the memory for their intersections
 
 Points = NDArray[np.float64]
@@ -35,8 +36,8 @@ class Solid:
         Corners of the bounding box.
     center, size
         File coordinates are `center + size * unit coordinates`.
-    oriented : bool
-        Whether neighbouring triangles agree about which side is out.
+    oriented, closed : bool
+        Whether neighbouring triangles agree about which side is out; whether there is also no open edge.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -54,7 +55,7 @@ class Solid:
         self.areas = np.linalg.norm(self._cross, axis=1) / 2
         if not self.areas.any():
             raise InvalidInput(f"{mesh.file}: all triangles have zero area", "export surfaces, not lines")
-        self.oriented = _consistently_oriented(self.vertices, self.faces)
+        self.oriented, self.closed = _orientation(self.vertices, self.faces)
         self._scene = open3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
 
@@ -69,17 +70,26 @@ class Solid:
 
     def inside(self, points: Points) -> NDArray[np.bool_]:
         """Which of the points [n, 3] are in the solid."""
-        rng = np.random.default_rng(0)
-        directions = rng.normal(size=(FIRST_RAYS + MORE_RAYS, 3))
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        directions = _directions(FIRST_RAYS + MORE_RAYS)
         first = np.stack([self._crossings(points, w) for w in directions[:FIRST_RAYS]])
         unsure = np.flatnonzero((first != first[0]).any(0))
         total = first.sum(0)
         for w in directions[FIRST_RAYS:] if unsure.size else ():
             total[unsure] += self._crossings(points[unsure], w)
-        rays = np.full(len(points), float(FIRST_RAYS))
+        rays = np.full(len(points), FIRST_RAYS)
         rays[unsure] += MORE_RAYS
         return np.abs(total) > 0.5 * rays
+
+    def encloses(self, points: Points) -> bool:
+        """Whether points [n, 3] that are inside are so for a reason other than lying next to an open sheet.
+
+        There the winding number is 1/2 and the rays' verdict is luck; more rays tell.
+        """
+        if self.closed or not len(points):
+            return bool(len(points))
+        some = points[:: len(points) // CHECKED + 1]
+        total = np.sum([self._crossings(some, w) for w in _directions(CHECK_RAYS)], axis=0)
+        return bool(np.mean(np.abs(total) > 0.6 * CHECK_RAYS) > 0.05)
 
     def _crossings(self, points: Points, direction: NDArray[np.float64]) -> NDArray[np.float64]:
         """Surfaces that each ray leaves through, signed; without orientation their parity."""
@@ -117,13 +127,18 @@ class Solid:
         return distance, face, np.stack([1 - u - v, u, v], axis=1)
 
 
+def _directions(count: int) -> NDArray[np.float64]:
+    directions = np.random.default_rng(0).normal(size=(count, 3))
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
 def _rays(origins: Points, directions: NDArray[np.float64]) -> NDArray[np.float32]:
     origins, directions = np.broadcast_arrays(origins, directions)
     return np.concatenate([origins, directions], axis=1, dtype=np.float32)
 
 
-def _consistently_oriented(vertices: Points, faces: NDArray[np.int32]) -> bool:
-    """Whether the two triangles at an edge run along it in opposite directions, everywhere."""
+def _orientation(vertices: Points, faces: NDArray[np.int32]) -> tuple[bool, bool]:
+    """Whether the two triangles at an edge run along it in opposite directions, and each edge has two."""
     corners = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces].astype(np.int64)
     start, end = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
     proper = start != end  # triangles with coincident corners have no such edge
@@ -132,4 +147,4 @@ def _consistently_oriented(vertices: Points, faces: NDArray[np.int32]) -> bool:
     _, edge = np.unique(edge, return_inverse=True)
     balance = np.bincount(edge.reshape(-1), np.where(start < end, 1, -1))
     uses = np.bincount(edge.reshape(-1))
-    return bool((np.abs(balance) == uses % 2).all())
+    return bool((np.abs(balance) == uses % 2).all()), bool((balance == 0).all())

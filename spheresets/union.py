@@ -8,6 +8,8 @@ from coslobe.spheresets.programs import kernels
 
 Array = NDArray[np.float64]
 
+NEAR_ENTRIES = 1 << 24  # in the kernels' lists of near spheres: 64 MiB
+
 
 class Union:
     """Spheres on a device: `spheres` [n, 4], center and radius."""
@@ -43,14 +45,21 @@ class Union:
     def caps(self, receivers: Array, axes: Array, directions: Array, light: Array) -> NDArray[np.bool_]:
         """See `caps`."""
         device, (m, k) = self._device, directions.shape[:2]
-        near, blocked = device.allocate(4 * m * self._n), device.allocate(m * k)
-        device.launch(
-            self._kernels["caps"], m, None,
-            device.upload(_float4(receivers)), device.upload(axes.astype(np.float32)),
-            device.upload(_float4(directions.reshape(-1, 3))), np.int32(k), light.astype(np.float32),
-            self._spheres, np.int32(self._n), near, blocked,
-        )  # fmt: skip
-        return device.download(blocked, (m, k), np.uint8).astype(bool)
+        blocked = np.empty((m, k), np.uint8)
+        block = max(1, NEAR_ENTRIES // self._n)
+        near = device.allocate(4 * min(block, m) * self._n)
+        for start in range(0, m, block):
+            part = slice(start, min(start + block, m))
+            size = part.stop - part.start
+            result = device.allocate(size * k)
+            device.launch(
+                self._kernels["caps"], size, None,
+                device.upload(_float4(receivers[part])), device.upload(axes[part].astype(np.float32)),
+                device.upload(_float4(directions[part].reshape(-1, 3))), np.int32(k),
+                light.astype(np.float32), self._spheres, np.int32(self._n), near, result,
+            )  # fmt: skip
+            blocked[part] = device.download(result, (size, k), np.uint8)
+        return blocked.astype(bool)
 
 
 def _float4(vectors: Array) -> NDArray[np.float32]:
