@@ -56,7 +56,12 @@ def write_exr(path: Path, layers: Mapping[str, ArrayLike], attributes: Mapping[s
         **{PREFIX + name: value for name, value in attributes.items()},
     }
     with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
-        file.write(str(temporary))
+        try:
+            file.write(str(temporary))
+        except RuntimeError as error:
+            reason = str(error).rpartition('". ')[2]  # without the temporary name
+            message = f"{path}: cannot be written ({reason})"
+            raise CoslobeError(message, "free space or choose another folder") from error
 
 
 def read_exr(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:

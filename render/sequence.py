@@ -189,7 +189,11 @@ def _write_pictures(
         "frame": planned.index,
         "points": len(gbuffer.position),
     }
-    planned.png.unlink(missing_ok=True)
+    try:
+        planned.png.unlink(missing_ok=True)
+    except OSError as error:
+        message = f"{planned.png}: cannot be replaced ({error.strerror})"
+        raise CoslobeError(message, "choose another folder with -o") from error
     write_exr(planned.exr, pictures, attributes)
     write_png(planned.png, pictures[BEAUTY])
 

@@ -82,6 +82,24 @@ def test_pixels_that_are_not_finite_are_never_written(tmp_path, bad):
     assert list(tmp_path.iterdir()) == [path]
 
 
+PICTURE = RNG.random((64, 64, 3))
+
+
+@pytest.mark.parametrize(
+    "write", [lambda path: write_exr(path, {"beauty": PICTURE}, {}), lambda path: write_png(path, PICTURE)]
+)
+def test_a_full_disk_is_one_clear_error_and_leaves_nothing(tmp_path, write):
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, limits[1]))  # as if the disk ended there
+    try:
+        with pytest.raises(CoslobeError, match=r"a.png: cannot be written \(File too large"):
+            write(tmp_path / "a.png")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("keep", [0, 4, 100, 400, -20])
 def test_damaged_files_are_refused(tmp_path, keep, capfd):
     path = tmp_path / "a.exr"

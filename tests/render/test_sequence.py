@@ -318,6 +318,13 @@ def test_damaged_frames_are_rendered_again(tiny_scene, tmp_path, spy, damage):
     assert contents(tmp_path / "frames") == good
 
 
+@pytest.mark.parametrize("suffix", ["exr", "png"])
+def test_what_cannot_be_replaced_is_one_clear_error(tiny_scene, tmp_path, spy, suffix):
+    (tmp_path / "frames" / f"beauty.0000.{suffix}").mkdir(parents=True)
+    with pytest.raises(CoslobeError, match=rf"beauty.0000.{suffix}: cannot be "):
+        render(tiny_scene, tmp_path, frames="0")
+
+
 def test_leftovers_of_a_killed_run_are_removed(tiny_scene, tmp_path, spy):
     frames = tmp_path / "frames"
     frames.mkdir()
