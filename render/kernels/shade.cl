@@ -283,7 +283,7 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
             for (int k = 0; k < NR; k++)
                 mask[k] = 0;
             int framed = 0;
-            if (over_geometric < cap.sine || (cut && glossy)) {
+            if (over_geometric < cap.sine || (cut & glossy)) {
                 frame_around(cap.a, receiver.cosine, receiver.sine, &t, &u);
                 const float3 g = receiver.geometric;
                 splat_horizon(mask, h, (float3)(dot(g, t), dot(g, u), over_geometric));

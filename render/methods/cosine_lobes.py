@@ -125,9 +125,11 @@ class CosineLobes:
 
     def _kernel(self, defines: dict[str, Any]) -> Any:
         """The kernel of one program variant."""
+        from pyopencl import Kernel
+
         key = tuple(defines.items())
         if key not in self._kernels:
-            self._kernels[key] = self._device.build(kernel_units(), defines).shade
+            self._kernels[key] = Kernel(self._device.build(kernel_units(), defines), "shade")
         return self._kernels[key]
 
     def _upload_points(self, gbuffer: GBuffer) -> tuple[Any, NDArray]:
