@@ -280,6 +280,14 @@ def test_documented_files_exist(document):
     assert [target for target in targets if not (document.parent / target).exists()] == []
 
 
+def test_documents_that_the_code_cites_exist():
+    files = [
+        path for room in MAY_IMPORT for path in (ROOT / room).rglob("*.*") if path.suffix in (".py", ".cl")
+    ]
+    cited = {name for path in files for name in re.findall(r"\bdocs/[\w/]+\.md", path.read_text())}
+    assert {name for name in cited if not (ROOT / name).exists()} == set()
+
+
 def test_index_lists_every_document():
     index = (ROOT / "docs" / "README.md").read_text()
     names = [path.name for path in (ROOT / "docs").glob("*.md") if path.name != "README.md"]
