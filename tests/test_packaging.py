@@ -281,10 +281,10 @@ def test_documented_files_exist(document):
 
 
 def test_documents_that_the_code_cites_exist():
-    files = [
-        path for room in MAY_IMPORT for path in (ROOT / room).rglob("*.*") if path.suffix in (".py", ".cl")
+    sources = [
+        path for room in MAY_IMPORT for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".cl")
     ]
-    cited = {name for path in files for name in re.findall(r"\bdocs/[\w/]+\.md", path.read_text())}
+    cited = {name for path in sources for name in re.findall(r"\bdocs/[\w/]+\.md", path.read_text())}
     assert {name for name in cited if not (ROOT / name).exists()} == set()
 
 
