@@ -9,6 +9,7 @@ from coslobe.spheresets.mesh import Mesh
 FIRST_RAYS = 3
 MORE_RAYS = 13
 CHECKED, CHECK_RAYS = 500, 128
+LEAST_VOLUME = 1e-10  # of a closed mesh
 BLOCK = 1 << 19  # rays per call: bounds the memory for their intersections
 
 Points = NDArray[np.float64]
@@ -81,12 +82,15 @@ class Solid:
         return np.abs(total) > 0.5 * rays
 
     def encloses(self, points: Points) -> bool:
-        """Whether points [n, 3] that are inside are so for a reason other than lying next to an open sheet.
+        """Whether points [n, 3] that are inside are so for a reason other than lying next to a sheet.
 
-        There the winding number is 1/2 and the rays' verdict is luck; more rays tell.
+        Next to an open sheet the winding number is 1/2 and the rays' verdict is luck; more rays tell.
         """
-        if self.closed or not len(points):
-            return bool(len(points))
+        if not len(points):
+            return False
+        if self.closed:
+            a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
+            return abs(np.einsum("nd,nd->", a, np.cross(b, c))) / 6 > LEAST_VOLUME
         some = points[:: len(points) // CHECKED + 1]
         total = np.sum([self._crossings(some, w) for w in _directions(CHECK_RAYS)], axis=0)
         return bool(np.mean(np.abs(total) > 0.6 * CHECK_RAYS) > 0.05)
