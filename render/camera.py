@@ -1,13 +1,14 @@
 """The pinhole camera of the scene file, with Mitsuba 3's conventions, as rays in tile order."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from coslobe.render.scene import Scene
+    from coslobe.render.scene import Camera, Image, Scene
 
 TILE = 8  # pixels; the points of one tile are shaded by one work-group
 
@@ -32,15 +33,20 @@ class Rays:
 
 
 def camera_rays(scene: "Scene") -> Rays:
-    """Rays through the sample positions of every pixel."""
-    width, height = scene.image.width, scene.image.height
+    """Rays through the sample positions of every pixel; a camera that rests is asked once."""
+    return _rays(scene.camera, scene.image)
+
+
+@lru_cache(maxsize=2)
+def _rays(camera: "Camera", image: "Image") -> Rays:
+    width, height = image.width, image.height
     pixel = tile_order(width, height)
-    offsets = sample_pattern(scene.image.samples)
+    offsets = sample_pattern(image.samples)
     row, column = np.divmod(pixel, width)
     x = (column[:, None] + offsets[:, 0]).ravel()
     y = (row[:, None] + offsets[:, 1]).ravel()
-    tan_x, tan_y = half_extent(scene.camera.fov, scene.camera.fov_axis, width, height)
-    right, up, forward, origin = camera_frame(scene)
+    tan_x, tan_y = half_extent(camera.fov, camera.fov_axis, width, height)
+    right, up, forward, origin = camera_frame(camera)
     direction = (
         forward
         + ((2 * x / width - 1) * tan_x)[:, None] * right
@@ -50,9 +56,9 @@ def camera_rays(scene: "Scene") -> Rays:
     return Rays(origin, direction, np.repeat(pixel, len(offsets)).astype(np.int32))
 
 
-def camera_frame(scene: "Scene") -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def camera_frame(camera: "Camera") -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Right, up and forward unit vectors and the origin, float64 [3] each."""
-    look_at = scene.camera.look_at
+    look_at = camera.look_at
     origin = np.asarray(look_at.origin, np.float64)
     forward = np.asarray(look_at.target, np.float64) - origin
     forward /= np.linalg.norm(forward)
@@ -87,6 +93,7 @@ def sample_pattern(n: int) -> NDArray:
     return np.stack([(index + 0.5) / n, radical_inverse + 0.5 / 2.0 ** int(n).bit_length()], axis=-1)
 
 
+@lru_cache(maxsize=2)
 def tile_order(width: int, height: int) -> NDArray:
     """Pixel indices (row * width + column) ordered by tiles of TILE x TILE pixels, int64 [width * height]."""
     row, column = np.divmod(np.arange(width * height), width)

@@ -117,17 +117,18 @@ def _hit_plane(
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     inverse = np.linalg.inv(linear)
     origin = inverse @ (rays.origin - translation)
-    direction = rays.direction @ inverse.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = -origin[1] / direction[:, 1]
-        x = origin[0] + t * direction[:, 0]
-        z = origin[2] + t * direction[:, 2]
-        half = obj.plane.size / 2
-        hit = np.flatnonzero((t > 0) & (t < nearest.t) & (np.abs(x) <= half) & (np.abs(z) <= half))
-    local = np.stack([x[hit], np.zeros(len(hit)), z[hit]], axis=-1)
+        t = -origin[1] / (rays.direction @ inverse[1])
+        candidates = np.flatnonzero((t > 0) & (t < nearest.t))
+    t = t[candidates]
+    local = origin + t[:, None] * (rays.direction[candidates] @ inverse.T)
+    local[:, 1] = 0.0  # where rounding left a trace of height
+    half = obj.plane.size / 2
+    inside = np.flatnonzero((np.abs(local[:, 0]) <= half) & (np.abs(local[:, 2]) <= half))
+    hit, local = candidates[inside], local[inside]
     normal = inverse.T @ np.array([0.0, 1.0, 0.0])
     normals = np.broadcast_to(normal / np.linalg.norm(normal), (len(hit), 3))
-    hits = _Hits(t[hit], local @ linear.T + translation, normals, normals)
+    hits = _Hits(t[inside], local @ linear.T + translation, normals, normals)
     nearest.accept(hit, index, material, hits)
 
 
@@ -141,7 +142,7 @@ def _hit_mesh(
     linear, translation = matrix[:3, :3], matrix[:3, 3]
     inverse = np.linalg.inv(linear)
     origin = inverse @ (rays.origin - translation)
-    candidates = _near_bounding_sphere(mesh.vertices, origin, rays.direction @ inverse.T)
+    candidates = _near_mesh(mesh.vertices, matrix, rays)
     direction = rays.direction[candidates] @ inverse.T
     length = np.linalg.norm(direction, axis=1)  # 1 / scale: Embree is given unit directions
     t, triangle, u, v = caster.nearest(origin, direction / length[:, None])
@@ -162,17 +163,20 @@ def _hit_mesh(
     nearest.accept(candidates[hit], index, material, hits)
 
 
-def _near_bounding_sphere(vertices: NDArray, origin: NDArray, direction: NDArray) -> NDArray:
-    """Indices of the rays that meet the sphere around the box of `vertices`; directions of any length."""
+def _near_mesh(vertices: NDArray, matrix: NDArray, rays: Rays) -> NDArray:
+    """Indices of the rays that meet the sphere around the box of `vertices`, moved by `matrix`."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    centre, radius = (low + high) / 2, np.linalg.norm(high - low) / 2 * (1 + 1e-6)
-    to_centre = centre - origin
-    distance2 = to_centre @ to_centre
-    if distance2 <= radius * radius:
-        return np.arange(len(direction))
-    along = direction @ to_centre
-    length2 = np.einsum("ij,ij->i", direction, direction)
-    return np.flatnonzero((along > 0) & (along * along >= (distance2 - radius * radius) * length2))
+    corners = np.array(
+        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
+    corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
+    centre = corners.mean(axis=0)
+    radius = np.linalg.norm(corners - centre, axis=1).max() * (1 + 1e-6)
+    to_centre = centre - rays.origin
+    tangent2 = to_centre @ to_centre - radius * radius
+    if tangent2 <= 0:
+        return np.arange(len(rays.direction))
+    return np.flatnonzero(rays.direction @ to_centre >= np.sqrt(tangent2))
 
 
 def _unit(vectors: NDArray) -> NDArray:
