@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 BLOCK = 1 << 15
 """Samples that are worked on at once: small enough for the caches of a core."""
 
+BLOCK_POINTS = 256
+"""Points at most in a block: what is made per point and sphere stays small, too."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -71,8 +74,8 @@ def direct_light(
 
 
 def _blocks(gbuffer: "GBuffer", samples: int) -> Iterator[NDArray]:
-    """Indices of neighbouring points of the same material, so many that a block has about BLOCK samples."""
-    count = max(BLOCK // samples, 1)
+    """Indices of neighbouring points of the same material, about BLOCK samples' worth at a time."""
+    count = min(max(BLOCK // samples, 1), BLOCK_POINTS)
     for material in np.unique(gbuffer.material):
         points = np.flatnonzero(gbuffer.material == material)
         yield from np.array_split(points, range(count, len(points), count))

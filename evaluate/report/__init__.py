@@ -231,15 +231,21 @@ def _time_table(document: dict[str, Any]) -> dict[str, Any]:
 
 
 def _facts(document: dict[str, Any]) -> list[tuple[str, str]]:
-    device, settings = document["render"]["device"], document["scene"]["settings"]
-    image, shading = settings["image"], settings.get("shading", {})
+    device, image, shading = (
+        document["render"]["device"],
+        document["scene"]["image"],
+        document["scene"]["shading"],
+    )
+    mask = shading["mask"]
+    samples = _counted(image["samples"], "sample")
     return [
         ("scene", str(document["scene"]["file"])),
+        ("image", f"{image['width']} × {image['height']}, {samples} per pixel"),
         (
-            "image",
-            f"{image['width']} × {image['height']}, {_counted(image.get('samples', 1), 'sample')} per pixel",
+            "shading",
+            f"{shading['method']}, {shading['estimator']} estimator, mask depth {mask['depth']} "
+            f"({mask['mode']}), threshold {shading['threshold']:g}",
         ),
-        ("shading", json.dumps(shading) if shading else "defaults"),
         ("device", f"{device['name']} ({device['platform']}, {device['version']})"),
         ("CPUs used by the reference", str(document["cpus"])),
         ("versions", ", ".join(f"{name} {version}" for name, version in document["versions"].items())),

@@ -1,5 +1,6 @@
 """The reference against closed forms, by statistics: it is unbiased, and honest about its noise."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -54,6 +55,30 @@ def test_a_furnace_stays_uniform_whatever_the_normal_and_the_place(bench):
         gbuffer = bench.points(1000, position=(0.1, -0.4, 0.3), normal=normal, view=normal)
         estimate = bench.estimate(gbuffer, bench.light((0, 0, 0), 3.0), bench.lambert(1.0))
         assert abs(bench.z_score(estimate, 1.0)) < Z_BOUND
+
+
+def test_light_is_cut_at_the_geometric_horizon(bench):
+    """Inside a light, with the shading normal tilted by a: the wedge between the horizons is lost.
+
+    Of the projected solid angle pi around Ns, half is on the side away from Ng, and there the wedge of the
+    angle a hides (1 - cos a) / 2 of the whole: E = pi (1 + cos a) / 2.
+    """
+    angle = np.radians(50)
+    gbuffer = bench.points(4000)
+    tilted = np.tile([np.sin(angle), np.cos(angle), 0], (4000, 1))
+    estimate = bench.estimate(replace(gbuffer, shading_normal=tilted), bench.light((0, 0, 0), 1.0))
+    assert abs(bench.z_score(estimate, (1 + np.cos(angle)) / 2)) < Z_BOUND
+
+
+def test_a_lobe_of_exponent_0_is_a_hemisphere(bench):
+    """Around a mirror direction at the angle a to the normal it loses the same wedge: ks (1 + cos a) / 2.
+
+    (n + 2) / (2 pi) is 1 / pi for n = 0.
+    """
+    angle = np.radians(40)
+    gbuffer = bench.points(4000, view=(np.sin(angle), np.cos(angle), 0))
+    estimate = bench.estimate(gbuffer, bench.light((0, 0, 0), 1.0), bench.phong(0, 0.6, 0))
+    assert abs(bench.z_score(estimate, 0.6 * (1 + np.cos(angle)) / 2)) < Z_BOUND
 
 
 def test_phong_under_a_light_on_its_mirror_axis(bench):

@@ -41,9 +41,10 @@ def test_a_fine_icosphere_and_its_ball_cast_the_same_shadow(ball_scene, tmp_path
     assert (mesh.radiance[ground] == 0).any()
 
 
-def test_the_variance_predicts_the_difference_of_independent_frames(ball_scene, tmp_path):
+@pytest.mark.parametrize("per_pixel", [1, 4])
+def test_the_variance_predicts_the_difference_of_independent_frames(ball_scene, tmp_path, per_pixel):
     """Frames of a still scene differ by noise only: their squared difference is the sum of two variances."""
-    still = ["animation=[]"]
+    still = ["animation=[]", f"image.samples={per_pixel}"]
     first, second = (
         read_reference(record["file"])
         for record in make(ball_scene, tmp_path, samples=32, frames=(0, 1), overrides=still)
