@@ -42,16 +42,15 @@ def test_a_fine_icosphere_and_its_ball_cast_the_same_shadow(ball_scene, tmp_path
 
 
 @pytest.mark.parametrize("per_pixel", [1, 4])
-def test_the_variance_predicts_the_difference_of_independent_frames(ball_scene, tmp_path, per_pixel):
-    """Frames of a still scene differ by noise only: their squared difference is the sum of two variances."""
-    still = ["animation=[]", f"image.samples={per_pixel}"]
-    first, second = (
-        read_reference(record["file"])
-        for record in make(ball_scene, tmp_path, samples=32, frames=(0, 1), overrides=still)
-    )
-    difference = np.sum((first.radiance - second.radiance) ** 2)
-    # 1500 hit pixels, unequal shares: the ratio scatters by about 5 %
-    assert difference / np.sum(first.variance + second.variance) == pytest.approx(1, abs=0.2)
+def test_the_variance_is_that_of_independent_frames(ball_scene, tmp_path, per_pixel):
+    """Frames of a still scene differ by noise only."""
+    still = ["animation=[]", "sequence.frames=8", f"image.samples={per_pixel}"]
+    records = make(ball_scene, tmp_path, samples=32, frames=range(8), overrides=still)
+    references = [read_reference(record["file"]) for record in records]
+    seen = np.var([reference.radiance for reference in references], axis=0, ddof=1).sum()
+    claimed = np.mean([reference.variance for reference in references], axis=0).sum()
+    # A few pixels of the highlight hold most of it: other seeds gave ratios from 0.95 to 1.10.
+    assert seen / claimed == pytest.approx(1, abs=0.25)
 
 
 def test_samples_of_a_pixel_share_the_budget(ball_scene, tmp_path):
