@@ -7,8 +7,8 @@ import json
 import platform
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -66,22 +66,22 @@ def render_sequence(
     plan = plan_frames(
         scene_file, folder, frames, device=device.info, layers=layers, resume=resume, assets=assets
     )
-    _prepare_folder(folder)
     renderer = _Renderer(scene_file, assets, device, layers)
     records: list[dict[str, Any]] = []
-    try:
-        pending = [planned.index for planned in plan if not planned.done]
-        if pending:
-            renderer.prepare(pending[0], progress)
-        with progress.task("rendering", len(plan)) as advance:
-            for planned in plan:
-                records.append(_record(planned) if planned.done else renderer.render(planned))
-                advance(1, f"{renderer.frames_per_second:.1f} frames/s")
-    finally:
-        if records:
-            _write_manifest(out_dir, scene_file, assets, device, layers, plan, records)
-    if len(plan) > 1:
-        _write_video(out_dir / "sequence.mp4", plan, scene_file.fps, progress)
+    with _tidy(folder):
+        try:
+            pending = [planned.index for planned in plan if not planned.done]
+            if pending:
+                renderer.prepare(pending[0], progress)
+            with progress.task("rendering", len(plan)) as advance:
+                for planned in plan:
+                    records.append(_record(planned) if planned.done else renderer.render(planned))
+                    advance(1, f"{renderer.frames_per_second:.1f} frames/s")
+        finally:
+            if records:
+                _write_manifest(out_dir, scene_file, assets, device, layers, plan, records)
+        if len(plan) > 1:
+            _write_video(out_dir / "sequence.mp4", plan, scene_file.fps, progress)
     return {
         "frames": records,
         "device": device.describe(),
@@ -90,15 +90,27 @@ def render_sequence(
     }
 
 
-def _prepare_folder(frames: Path) -> None:
-    """Make the folder, and remove what a killed run left in it and in the one above."""
+@contextmanager
+def _tidy(frames: Path) -> Iterator[None]:
+    """Make the folder; keep it and the one above free of temporary files, before (of a killed run) and after.
+
+    A signal can arrive at moments when the writer of a file has no chance to remove its own.
+    """
+
+    def clean() -> None:
+        for folder in (frames.parent, frames):
+            remove_leftovers(folder)
+
     try:
         frames.mkdir(parents=True, exist_ok=True)
-        remove_leftovers(frames.parent)
-        remove_leftovers(frames)
+        clean()
     except OSError as error:
         message = f"{frames}: cannot be written ({error.strerror})"
         raise CoslobeError(message, "choose another folder with -o") from error
+    try:
+        yield
+    finally:
+        clean()
 
 
 class _Renderer:
