@@ -151,7 +151,8 @@ def may_block(
 
     Never wrongly False. A sphere of angular radius b misses the cone of half-angle a around the light when
     the angle between the axes exceeds a + b: a comparison of cosines, without trigonometry. A point inside
-    a sphere (b is then a right angle) or inside the light (there is no cone) keeps its spheres.
+    a sphere keeps it, because what the sphere bounds may lie on any side; a point inside the light, where
+    there is no cone, keeps all.
     """
     axis = light_center - position
     light2 = np.einsum("ij,ij->i", axis, axis)
@@ -166,7 +167,7 @@ def may_block(
     tangent = np.sqrt(np.maximum(distance2 - radii * radii, 0.0))
     slack = 1e-9 * (light_distance[:, None] + tangent + radii)
     in_cone = along >= cos_a * tangent - sin_a * radii - slack
-    return in_cone | inside[:, None]
+    return in_cone | (distance2 <= radii * radii) | inside[:, None]
 
 
 def blocked_by_spheres(segments: Segments, spheres: Spheres) -> NDArray:
