@@ -23,7 +23,7 @@ SEED = 20090401  # of all samples here; no fit uses it
 VIEWS, PIXELS, WINDOW = 32, 256, 1.1
 VOLUME_POINTS, VOLUME_BOX = 200_000, 1.25
 SURFACE_POINTS = 50_000
-UNION_POINTS = 100_000
+UNION_POINTS = 100_000  # over all spheres; those inside other spheres are left out
 
 
 def measure(solid: Solid, spheres: SphereSet, device: Device, progress: Progress = SILENT) -> dict[str, Any]:
@@ -37,7 +37,8 @@ def measure(solid: Solid, spheres: SphereSet, device: Device, progress: Progress
     max_gap
         Largest distance of 50,000 surface samples from the union.
     hausdorff_mesh_to_union, hausdorff_union_to_mesh
-        Largest distance of surface samples from the union's surface, and of samples of that from the mesh.
+        Largest distance of surface samples from 100,000 samples of the union's surface (the distance itself
+        where they are outside), and of those from the mesh.
     shadow_rmse, shadow_rmse_no_contact, shadow_bias
         See `ground_shadow.shadow_errors`.
     """
@@ -103,8 +104,9 @@ def _distances(solid: Solid, union: Union, spheres: Array, rng: np.random.Genera
 
     surface = solid.sample_surface(SURFACE_POINTS, rng)
     clearance, _ = union.points(surface)
-    each = int(np.clip(UNION_POINTS // len(spheres), 32, 400))
-    shell = (spheres[:, None, :3] + spheres[:, None, 3:] * fibonacci_sphere(each)).reshape(-1, 3)
+    area = spheres[:, 3] ** 2
+    counts = np.ceil(UNION_POINTS * area / area.sum()).astype(int)
+    shell = np.concatenate([s[:3] + s[3] * fibonacci_sphere(n) for s, n in zip(spheres, counts, strict=True)])
     shell = shell[union.points(shell)[0] > -1e-5]
     covered = surface[clearance < 0]
     depth = KDTree(shell).query(covered)[0] if len(covered) and len(shell) else np.zeros(1)
