@@ -110,22 +110,26 @@ animation:
 """
 
 
-@pytest.fixture(scope="session")
-def ball_scene(tmp_path_factory) -> Path:
-    """A scene whose mesh is a fine icosphere and whose sphere set is the one ball around the same centre.
+def write_balls(folder: Path, name: str, centers: np.ndarray) -> None:
+    """NAME.ply with a fine icosphere around each centre, and NAME.spheres.json with the balls themselves.
 
-    The vertices lie on the ball; the middles of the triangles sink in by at most edge^2 / (8 radius).
+    The vertices lie on the balls; the middles of the triangles sink in by at most edge^2 / (8 radius).
     """
-    folder = tmp_path_factory.mktemp("ball")
-    ball = trimesh.creation.icosphere(subdivisions=5, radius=BALL)
-    ball.export(folder / "ball.ply")
-    sphere = SphereSet(np.zeros((1, 3)), np.array([BALL]), np.array([BALL * 1e-3]))
-    one = np.zeros(1, np.int32)
+    n = len(centers)
+    mesh = trimesh.util.concatenate(
+        [
+            trimesh.creation.icosphere(subdivisions=5, radius=BALL).apply_translation(center)
+            for center in centers
+        ]
+    )
+    mesh.export(folder / f"{name}.ply")
+    balls = SphereSet(np.asarray(centers, np.float64), np.full(n, BALL), np.full(n, BALL * 1e-3))
+    one = np.ones(1, np.int32)
     tree = SphereTree(
-        levels=(sphere,),
-        parents=(one - 1,),
-        hierarchy=Hierarchy(np.zeros((1, 3)), np.array([BALL]), one + 1, one + 1),
-        mesh=MeshInfo("ball.ply", sha256(folder / "ball.ply"), len(ball.vertices), len(ball.faces)),
+        levels=(balls,),
+        parents=(np.full(n, -1, np.int32),),
+        hierarchy=Hierarchy(np.mean(centers, axis=0)[None], np.array([2 * BALL]), one, n * one),
+        mesh=MeshInfo(f"{name}.ply", sha256(folder / f"{name}.ply"), len(mesh.vertices), len(mesh.faces)),
         method="balanced",
         quality="fast",
         mode="balanced",
@@ -133,7 +137,15 @@ def ball_scene(tmp_path_factory) -> Path:
         seconds=0.0,
         metrics={},
     )
-    write_spheres(folder / "ball.spheres.json", tree)
+    write_spheres(folder / f"{name}.spheres.json", tree)
+
+
+@pytest.fixture(scope="session")
+def ball_scene(tmp_path_factory) -> Path:
+    """A scene with one ball as mesh and as sphere set; `pair`, two balls in a row, lies beside it."""
+    folder = tmp_path_factory.mktemp("ball")
+    write_balls(folder, "ball", np.zeros((1, 3)))
+    write_balls(folder, "pair", np.array([[-0.12, 0, -0.07], [0.25, 0.43, 0.15]]))
     path = folder / "scene.yaml"
     path.write_text(SCENE)
     return path

@@ -41,6 +41,22 @@ def test_a_fine_icosphere_and_its_ball_cast_the_same_shadow(ball_scene, tmp_path
     assert (mesh.radiance[ground] == 0).any()
 
 
+def test_an_object_shades_itself_in_both_references(ball_scene, tmp_path):
+    """Two balls of one mesh, the upper one between the lower one and the light."""
+    pair = ["objects.ball.mesh=pair.ply", "objects.ball.spheres.file=pair.spheres.json"]
+    mesh = read_reference(make(ball_scene, tmp_path / "mesh", overrides=pair)[0]["file"])
+    balls = read_reference(
+        make(ball_scene, tmp_path / "ball", occluders="spheres", overrides=pair)[0]["file"]
+    )
+    own = mesh.object == 1
+    errors = compare(mesh.radiance[own], balls.radiance[own], mesh.variance[own])
+    assert errors.relative_rmse < 0.02
+    lit = read_reference(
+        make(ball_scene, tmp_path / "lit", overrides=[*pair, "objects.ball.occludes=false"])[0]["file"]
+    )
+    assert mesh.radiance[own].sum() < 0.8 * lit.radiance[own].sum()
+
+
 @pytest.mark.parametrize("per_pixel", [1, 4])
 def test_the_variance_is_that_of_independent_frames(ball_scene, tmp_path, per_pixel):
     """Frames of a still scene differ by noise only."""
