@@ -38,7 +38,7 @@ def render_with_mitsuba(
     """
     mitsuba = _load(variant)
     with tempfile.TemporaryDirectory(prefix="coslobe-mitsuba-") as folder:
-        loaded = mitsuba.load_dict(mitsuba_scene(scene, assets, samples, Path(folder)))
+        loaded = mitsuba.load_dict(mitsuba_scene(mitsuba, scene, assets, samples, Path(folder)))
         image = mitsuba.render(loaded, spp=samples, seed=seed)
         return np.array(image, dtype=np.float64).reshape(scene.image.height, scene.image.width, 3)
 
@@ -56,13 +56,13 @@ def _load(variant: str) -> Any:
     return mitsuba
 
 
-def mitsuba_scene(scene: "Scene", assets: "Assets", samples: int, folder: Path) -> dict[str, Any]:
+def mitsuba_scene(
+    mitsuba: Any, scene: "Scene", assets: "Assets", samples: int, folder: Path
+) -> dict[str, Any]:
     """The scene as a dictionary for `mitsuba.load_dict`; meshes are written as PLY files into `folder`.
 
-    Transforms are Mitsuba's own objects: its variant must be set before.
+    Transforms are Mitsuba's own objects, made by the module `mitsuba`, whose variant must be set.
     """
-    import mitsuba
-
     look_at = scene.camera.look_at
     result: dict[str, Any] = {
         "type": "scene",
@@ -96,14 +96,12 @@ def mitsuba_scene(scene: "Scene", assets: "Assets", samples: int, folder: Path) 
         }
     for name, obj in scene.objects.items():
         if obj.visible:
-            shape = _shape(name, obj, assets, folder)
+            shape = _shape(mitsuba, name, obj, assets, folder)
             result[f"object {name}"] = {**shape, "bsdf": _bsdf(scene.materials[obj.material])}
     return result
 
 
-def _shape(name: str, obj: "Object", assets: "Assets", folder: Path) -> dict[str, Any]:
-    import mitsuba
-
+def _shape(mitsuba: Any, name: str, obj: "Object", assets: "Assets", folder: Path) -> dict[str, Any]:
     matrix = obj.transform.matrix()
     if obj.plane is not None:
         half = obj.plane.size / 2
@@ -191,9 +189,10 @@ def image_shift(image: NDArray, reference: NDArray) -> tuple[float, float]:
 
     Least squares over all inner pixels of the first-order expansion (Lucas and Kanade 1981).
     """
-    down, right = np.gradient((image + reference) / 2)
+    mean = (image + reference) / 2
+    down, right = np.gradient(mean, axis=0), np.gradient(mean, axis=1)
     inner = (slice(1, -1), slice(1, -1))
     gradient = np.stack([right[inner].ravel(), down[inner].ravel()], axis=-1)
     difference = (reference - image)[inner].ravel()
-    shift, *_ = np.linalg.lstsq(gradient, difference, rcond=None)
-    return float(shift[0]), float(shift[1])
+    right_by, down_by = np.linalg.lstsq(gradient, difference, rcond=None)[0].tolist()
+    return right_by, down_by

@@ -81,7 +81,7 @@ def without_noise(relative_rmse: float, noise: float) -> float:
     return float(np.sqrt(max(relative_rmse**2 - noise**2, 0.0)))
 
 
-def _ratio(value: float, scale: float) -> float | None:
+def _ratio(value: np.floating, scale: np.floating) -> float | None:
     if scale > 0:
         return float(value / scale)
     return 0.0 if value == 0 else None

@@ -61,7 +61,7 @@ def evaluate(
     render = render_sequence(scene_file, out_dir, frames=rendered or frames, device=device, progress=progress)
     render["frames"] = [_with_times(record, earlier) for record in render["frames"]]
     assets = Assets(device, progress)
-    references = {
+    references: dict[OccluderKind, list[dict[str, Any]]] = {
         kind: render_references(
             scene_file,
             out_dir / folder,
@@ -78,7 +78,7 @@ def evaluate(
         _compare(scene_file, records[index], {kind: references[kind][i] for kind in references})
         for i, index in enumerate(frames)
     ]
-    scales = {
+    scales: dict[OccluderKind, float] = {
         kind: error_scale([frame.errors[kind][frame.references[kind].hit] for frame in compared])
         for kind in REFERENCE_FOLDERS
     }
@@ -140,8 +140,9 @@ def _compare(
     objects: dict[str, dict[str, Any]] = {}
     for kind, reference in frame.references.items():
         parts = frame.image, reference.radiance, reference.variance
+        image, radiance, variance = (part[reference.hit] for part in parts)
         what = f"frame {index} ({kind})"
-        whole = compare(*(part[reference.hit] for part in parts), what)
+        whole = compare(image, radiance, variance, what)
         result |= {f"{name}_{kind}": value for name, value in asdict(whole).items() if name != "pixels"}
         result["pixels"] = whole.pixels
         result["spp"] = made[kind]["spp"]

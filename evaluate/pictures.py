@@ -52,8 +52,8 @@ def write_comparison(
 
     height, width = next(iter(pictures.values())).shape[:2]
     gap = max(width // 40, 6)
-    font = ImageFont.load_default(size=max(width // 28, 9))
-    line = round(font.size * 1.5)
+    size = max(width // 28, 9)
+    font, line = ImageFont.load_default(size=size), round(size * 1.5)
     columns, row = max(len(pictures), len(maps)), height + line + gap
     canvas = Image.new("RGB", (gap + columns * (width + gap), gap + line + 2 * row + 2 * line), "white")
     draw = ImageDraw.Draw(canvas)

@@ -64,7 +64,7 @@ def _grade(value: float, limits: tuple[float, float]) -> str:
 
 
 def _by_grade(value: float, limits: tuple[float, float], text: str, words: tuple[str, str, str]) -> str:
-    return text.format(dict(zip(("good", "fair", "poor"), words, strict=True))[_grade(value, limits)])
+    return text.format(words[("good", "fair", "poor").index(_grade(value, limits))])
 
 
 def _share(light: float, shape: float) -> str:

@@ -59,7 +59,7 @@ def write_report(results: Path) -> Path:
 
 
 def _resource(name: str) -> str:
-    return (files(__package__) / name).read_text(encoding="utf-8")
+    return (files("coslobe.evaluate.report") / name).read_text(encoding="utf-8")
 
 
 def _lead(document: dict[str, Any]) -> str:
