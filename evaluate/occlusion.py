@@ -176,18 +176,19 @@ def blocked_by_spheres(segments: Segments, spheres: Spheres) -> NDArray:
     A sphere (c, r) with o = c - x and m = max(o.o - r^2, 0) blocks the unit direction l if o.l > 0,
     (o.l)^2 >= m, and it is entered, at o.l - sqrt((o.l)^2 - m), before the light is. A point inside a sphere
     thus loses the half-space towards its centre, the limit of touching it from outside. A point's own
-    object's spheres are skipped where `own_spheres_skipped` says so.
+    object's spheres have the radius that `own_radii` gives them.
     """
     blocked = np.zeros(segments.reach.shape, bool)
     spheres = _near_block(segments, spheres)
-    pairs = _pairs(segments, spheres)
+    pairs, radii = _pairs(segments, spheres)
     rank_of_pair = np.arange(len(pairs)) - np.searchsorted(pairs[:, 0], pairs[:, 0])
     for rank in range(
         int(rank_of_pair.max(initial=-1)) + 1
     ):  # the rank-th sphere of every point that has one
-        point, sphere = pairs[rank_of_pair == rank].T
+        chosen = rank_of_pair == rank
+        point, sphere = pairs[chosen].T
         o = spheres.centers[sphere] - segments.position[point]
-        m = np.maximum(np.einsum("ij,ij->i", o, o) - spheres.radii[sphere] ** 2, 0.0)[:, None]
+        m = np.maximum(np.einsum("ij,ij->i", o, o) - radii[chosen] ** 2, 0.0)[:, None]
         x, y, z = segments.directions
         along = dot(o, (x[point], y[point], z[point]))
         beyond = along * along - m
@@ -198,15 +199,19 @@ def blocked_by_spheres(segments: Segments, spheres: Spheres) -> NDArray:
     return blocked
 
 
-def own_spheres_skipped(height: NDArray, distance2: NDArray, radii: NDArray, outside: NDArray) -> NDArray:
-    """Spheres of the receiver's own object that must not darken it: bool (docs/evaluation.md).
+def own_radii(height: NDArray, distance: NDArray, radii: NDArray, outside: NDArray) -> NDArray:
+    """Radii at which spheres of the receiver's own object block it, 0 where they do not (docs/evaluation.md).
 
-    `height` is the centre's height above the tangent plane, `distance2` its squared distance to the point.
-    Sphere sets bulge by up to `outside` above the true surface: a sphere that comes so close to the point is
-    this surface rather than something in front of it, unless its centre stands above the tangent plane.
+    `height` is the centre's height above the tangent plane, `distance` its distance to the point. Sphere sets
+    bulge by up to `outside` above the true surface: a sphere that comes so close to the point is this surface
+    rather than something in front of it, unless its centre stands above the tangent plane. A little farther
+    off it is smaller by its bulge, because the surface that it stands for lies that much lower.
     """
-    limit = radii + outside * np.clip(0.25 - height / radii, 0.0, 1.0)
-    return distance2 < limit * limit
+    bulge = outside * np.clip(0.25 - height / radii, 0.0, 1.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near = np.clip((radii + 2 * outside - distance) / outside, 0.0, 1.0)
+    shrunk = radii - np.where(outside > 0, bulge * near, 0.0)
+    return np.where((height <= -radii) | (distance < radii + bulge), 0.0, shrunk)
 
 
 def _near_block(segments: Segments, spheres: Spheres) -> Spheres:
@@ -224,19 +229,19 @@ def _near_block(segments: Segments, spheres: Spheres) -> Spheres:
     return spheres[near[0]]
 
 
-def _pairs(segments: Segments, spheres: Spheres) -> NDArray:
-    """(point, sphere) pairs that need testing, sorted by point: int64 [m, 2]."""
+def _pairs(segments: Segments, spheres: Spheres) -> tuple[NDArray, NDArray]:
+    """(point, sphere) pairs that need testing, sorted by point, and the spheres' radii: int64 [m, 2], [m]."""
     near = may_block(segments.position, spheres.centers, spheres.radii, segments.center, segments.radius)
     point, sphere = np.nonzero(near & (segments.reach.max(axis=1) > 0)[:, None])
     o = spheres.centers[sphere] - segments.position[point]
     height = np.einsum("ij,ij->i", o, segments.normal[point])
-    distance2 = np.einsum("ij,ij->i", o, o)
+    distance = np.sqrt(np.einsum("ij,ij->i", o, o))
     radii = spheres.radii[sphere]
     own = spheres.owner[sphere] == segments.object[point]
-    skipped = own & own_spheres_skipped(height, distance2, radii, spheres.outside[sphere])
-    skipped |= height <= -radii  # wholly below the tangent plane
-    skipped |= np.sqrt(distance2) - radii >= segments.reach.max(axis=1)[point]  # wholly behind the light
-    return np.stack([point, sphere], axis=-1)[~skipped]
+    radii = np.where(own, own_radii(height, distance, radii, spheres.outside[sphere]), radii)
+    needed = (radii > 0) & (height > -radii)  # else wholly below the tangent plane
+    needed &= distance - radii < segments.reach.max(axis=1)[point]  # else wholly behind the light
+    return np.stack([point, sphere], axis=-1)[needed], radii[needed]
 
 
 class Meshes:
@@ -274,9 +279,10 @@ class Meshes:
 
     def blocked(self, segments: Segments, wanted: NDArray) -> NDArray:
         """Which of the `wanted` directions meet a triangle before they reach the light: bool [n, s]."""
-        near = may_block(
-            segments.position, self._centers, self._radii * (1 + 1e-6), segments.center, segments.radius
-        ).any(axis=1)
+        radii = self._radii * (1 + 1e-6)
+        near = np.any(
+            may_block(segments.position, self._centers, radii, segments.center, segments.radius), axis=1
+        )
         blocked = np.zeros(wanted.shape, bool)
         wanted = wanted & near[:, None] & (segments.reach > 0)
         point = np.nonzero(wanted)[0]

@@ -32,6 +32,20 @@ inline vi meets_cap(const cap_t *cap, vf along, vf d2, vf r, vf *tangent, vf *rh
     return (along > cap->cosine * *tangent - cap->sine * *rho) & (d2 < farthest * farthest) & (r > 0.0f);
 }
 
+/* The radius at which a sphere of the receiver's own object blocks it, 0 where it does not: spheres bulge by up to
+   `outside` above the surface that they stand for (docs/theory.md, section 6). `height` is the centre's height above
+   the tangent plane. Twin: coslobe.render.own_spheres. */
+#define OWN_RADIUS(T, name) \
+    inline T name(T r, T outside, T height, T distance) \
+    { \
+        const T bulge = outside * clamp(0.25f - height / r, (T)(0.0f), (T)(1.0f)); \
+        const T near = clamp((r + 2.0f * outside - distance) / fmax(outside, (T)(1e-30f)), (T)(0.0f), (T)(1.0f)); \
+        const T left = r - bulge * near; \
+        return select(left, (T)(0.0f), (height <= -r) | (distance < r + bulge)); \
+    }
+OWN_RADIUS(vf, own_radius)
+OWN_RADIUS(float, own_radius_1)
+
 /* Which part of the light the spheres leave: fills `mask` (cleared by the caller, who may have put the horizon in)
    and returns LIT, PARTIAL or DARK. *splats counts the spheres rasterised. */
 inline int visibility(const blockers_t *blockers, const receiver_t *receiver, const cap_t *cap, int light,
@@ -63,10 +77,12 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
                     continue;
                 const vi owner = CAT(vload, VW)(0, blockers->owner + s);
                 const vf height = ox * n.x + oy * n.y + oz * n.z;
-                /* The rule for a receiver's own spheres, which bulge above its surface (docs/theory.md). */
-                const vf limit = r + VF_LOAD(blockers->outside + s) * clamp(0.25f - height / r, 0.0f, 1.0f);
-                meets &= ((owner != receiver->object) | ((height > -r) & (d2 >= limit * limit)));
                 meets &= owner != EMITTER_OWNER(light);
+                const vi own = owner == receiver->object;
+                if (any(meets & own)) {
+                    const vf smaller = select(r, own_radius(r, VF_LOAD(blockers->outside + s), height, sqrt(d2)), own);
+                    meets &= meets_cap(cap, along, d2, smaller, &tangent, &rho);
+                }
                 if (!any(meets))
                     continue;
                 if (any(meets & (along > cap->cosine * tangent + cap->sine * rho) & (rho * rho > cap->sine * cap->sine * d2)
@@ -157,21 +173,17 @@ inline int blocked(const blockers_t *blockers, const receiver_t *receiver, int l
         if (gr <= 0.0f || g_along < -gr || dot(go, go) - g_along * g_along > gr * gr)
             continue;
         for (int s = g * GROUP; s < (g + 1) * GROUP; s++) {
-            const float r = blockers->radius[s];
+            float r = blockers->radius[s];
             const int owner = blockers->owner[s];
             if (r <= 0.0f || owner == EMITTER_OWNER(light))
                 continue;
             const float3 o = (float3)(blockers->x[s], blockers->y[s], blockers->z[s]) - p;
-            const float along = dot(o, l), d2 = dot(o, o), tau = fmax(d2 - r * r, 0.0f);
-            if (along <= 0.0f || along * along < tau || along - sqrt(along * along - tau) >= reach)
-                continue;
-            if (owner == receiver->object) {
-                const float height = dot(receiver->geometric, o);
-                const float limit = r + blockers->outside[s] * clamp(0.25f - height / r, 0.0f, 1.0f);
-                if (height <= -r || d2 < limit * limit)
-                    continue;
-            }
-            return 1;
+            const float along = dot(o, l), d2 = dot(o, o);
+            if (owner == receiver->object)
+                r = own_radius_1(r, blockers->outside[s], dot(receiver->geometric, o), sqrt(d2));
+            const float tau = fmax(d2 - r * r, 0.0f);
+            if (r > 0.0f && along > 0.0f && along * along >= tau && along - sqrt(along * along - tau) < reach)
+                return 1;
         }
     }
     return 0;
