@@ -7,6 +7,7 @@ Occupancy odds of a point p: S = BACKGROUND + sum_i e_i, e_i = exp((r_i - |p - c
 the log-sum-exp soft union. Loss: binary cross-entropy of S / (1 + S) with "p is inside the solid".
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,7 @@ DEEPEST = 30.0  # in tau: deeper points count as this deep
 SMALLEST = 1e-5  # radius
 BETA1, BETA2 = 0.9, 0.99  # decay of Adam's moments
 CHUNK = 128  # points per work-item
+SCRATCH_ENTRIES = 1 << 23  # of 4 bytes, per scratch buffer
 
 Array = NDArray[np.float64]
 Odds = tuple[NDArray[np.float32], NDArray[np.float32]]
@@ -32,22 +34,22 @@ class State:
 
     Attributes
     ----------
-    spheres, mean, square : float32 [n, 4]
+    spheres, mean, square : float32 [n, 4] (float64 in the twins)
         Center and radius, and the running first and second moment of their gradient.
     step : int
         Steps done.
     """
 
-    spheres: NDArray[np.float32]
-    mean: NDArray[np.float32]
-    square: NDArray[np.float32]
+    spheres: NDArray[np.floating]
+    mean: NDArray[np.floating]
+    square: NDArray[np.floating]
     step: int = 0
 
     @classmethod
     def start(cls, spheres: Array) -> "State":
         """At rest at `spheres` [n, 4]."""
-        spheres = spheres.astype(np.float32)
-        return cls(spheres, np.zeros_like(spheres), np.zeros_like(spheres))
+        start = spheres.astype(np.float32)
+        return cls(start, np.zeros_like(start), np.zeros_like(start))
 
     def keep(self, index: NDArray[np.int64]) -> None:
         """Drop all spheres that `index` does not name."""
@@ -117,38 +119,43 @@ class SoftUnion:
         state.spheres, state.mean, state.square = (device.download(b, (n, 4), f32) for b in buffers)
         return float(device.download(losses, (chunks,), f32).astype(np.float64).sum() / self._batch_size)
 
-    def odds(
-        self, spheres: NDArray[np.float32], tau: float
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def odds(self, spheres: NDArray[np.floating], tau: float) -> Odds:
         """S at the judged points, and S without its largest term, [m] each."""
         device, n, m = self._device, len(spheres), self._n_judged
-        near, total, rest = (device.allocate(4 * size) for size in (m // CHUNK * n, m, m))
-        device.launch(
-            self._kernels["total_odds"], m // CHUNK, 1,
-            self._judged, np.int32(m), device.upload(spheres), np.int32(n), np.float32(tau),
-            near, total, rest,
-        )  # fmt: skip
+        on_device = device.upload(spheres.astype(np.float32))
+        total, rest = device.allocate(4 * m), device.allocate(4 * m)
+        near = device.allocate(4 * self._rows(n) * n)
+        for first, rows in self._blocks(n):
+            device.launch(
+                self._kernels["total_odds"], rows, 1,
+                self._judged, np.int32(m), np.int32(first), on_device, np.int32(n), np.float32(tau),
+                near, total, rest,
+            )  # fmt: skip
         return device.download(total, (m,), np.float32), device.download(rest, (m,), np.float32)
 
-    def exchange(
-        self,
-        odds: Odds,
-        spheres: NDArray[np.float32],
-        tau: float,
-        *,
-        removing: bool,
-    ) -> Array:
+    def exchange(self, odds: Odds, spheres: NDArray[np.floating], tau: float, *, removing: bool) -> Array:
         """Change of the loss, summed over the judged points, as each sphere is taken out or put in, [n]."""
         device, n, m = self._device, len(spheres), self._n_judged
-        chunks = m // CHUNK
-        near, partial = (device.allocate(4 * chunks * n) for _ in range(2))
+        on_device = device.upload(spheres.astype(np.float32))
         total, rest = (device.upload(values) for values in odds)
-        device.launch(
-            self._kernels["exchange"], chunks, 1,
-            self._judged, np.int32(m), total, rest, device.upload(spheres.astype(np.float32)), np.int32(n),
-            np.float32(tau), np.int32(removing), near, partial,
-        )  # fmt: skip
-        return device.download(partial, (chunks, n), np.float32).sum(0, dtype=np.float64)
+        near, partial = (device.allocate(4 * self._rows(n) * n) for _ in range(2))
+        change = np.zeros(n)
+        for first, rows in self._blocks(n):
+            device.launch(
+                self._kernels["exchange"], rows, 1,
+                self._judged, np.int32(m), np.int32(first), total, rest, on_device, np.int32(n),
+                np.float32(tau), np.int32(removing), near, partial,
+            )  # fmt: skip
+            change += device.download(partial, (rows, n), np.float32).sum(0, dtype=np.float64)
+        return change
+
+    def _rows(self, n: int) -> int:
+        """Judged chunks per launch, so that scratch memory stays bounded."""
+        return int(np.clip(SCRATCH_ENTRIES // n, 1, self._n_judged // CHUNK))
+
+    def _blocks(self, n: int) -> Iterator[tuple[int, int]]:
+        chunks, rows = self._n_judged // CHUNK, self._rows(n)
+        return ((first, min(rows, chunks - first)) for first in range(0, chunks, rows))
 
 
 def sphere_odds(points: Array, spheres: Array, tau: float) -> Array:

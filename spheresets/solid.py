@@ -57,8 +57,11 @@ class Solid:
         if not self.areas.any():
             raise InvalidInput(f"{mesh.file}: all triangles have zero area", "export surfaces, not lines")
         self.oriented, self.closed = _orientation(self.vertices, self.faces)
+        self._tensor = open3d.core.Tensor.from_numpy
         self._scene = open3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(self.vertices.astype(np.float32), self.faces.astype(np.uint32))
+        self._scene.add_triangles(
+            self._tensor(self.vertices.astype(np.float32)), self._tensor(self.faces.astype(np.uint32))
+        )
 
     def sample_surface(self, count: int, rng: np.random.Generator) -> Points:
         """Points [count, 3] uniform by area, one in each of `count` equal shares of it in file order."""
@@ -101,7 +104,7 @@ class Solid:
         counts = []
         for start in range(0, len(points), BLOCK):
             rays = _rays(points[start : start + BLOCK], direction)
-            hits = self._scene.list_intersections(rays)
+            hits = self._scene.list_intersections(self._tensor(rays))
             ray, face = hits["ray_ids"].numpy(), hits["primitive_ids"].numpy()
             counts.append(np.bincount(ray.astype(np.int64), sign[face], minlength=len(rays)))
         total = np.concatenate(counts) if counts else np.zeros(0)
@@ -109,7 +112,9 @@ class Solid:
 
     def distance(self, points: Points) -> NDArray[np.float64]:
         """Distance [n] of each point to the surface, on either side."""
-        return self._scene.compute_distance(points.astype(np.float32)).numpy().astype(np.float64)
+        return (
+            self._scene.compute_distance(self._tensor(points.astype(np.float32))).numpy().astype(np.float64)
+        )
 
     def signed_distance(self, points: Points) -> NDArray[np.float64]:
         """Distance [n] to the surface, negative inside."""
@@ -118,13 +123,13 @@ class Solid:
     def occluded(self, origins: Points, directions: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
         """Whether the rays [n, 3] + t [n, 3], 0 < t < reach, hit the surface; arguments broadcast."""
         rays = _rays(origins, directions)
-        return self._scene.test_occlusions(rays, tfar=reach).numpy()
+        return self._scene.test_occlusions(self._tensor(rays), tfar=reach).numpy()
 
     def first_hit(
         self, origins: Points, directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
         """Distance [n] along each ray (inf: none), the triangle hit [n], its corners' weights [n, 3]."""
-        hit = self._scene.cast_rays(_rays(origins, directions))
+        hit = self._scene.cast_rays(self._tensor(_rays(origins, directions)))
         distance = hit["t_hit"].numpy().astype(np.float64)
         face = np.where(np.isfinite(distance), hit["primitive_ids"].numpy(), 0).astype(np.int64)
         u, v = hit["primitive_uvs"].numpy().astype(np.float64).T

@@ -131,13 +131,15 @@ __kernel void adam(__global const float4 *partial, int n_chunks, int n_spheres, 
     spheres[s] = sphere;
 }
 
-// total[point] = S, rest[point] = S without its largest term. near: scratch [chunks][n_spheres].
-__kernel void total_odds(__global const float *points, int n_points, __global const float4 *spheres,
-                         int n_spheres, float tau, __global int *near, __global float *total,
-                         __global float *rest) {
-    const int chunk = get_global_id(0);
+// The next two kernels start at chunk `first`; their scratch and partial sums have a row per work-item.
+
+// total[point] = S, rest[point] = S without its largest term. near: scratch [items][n_spheres].
+__kernel void total_odds(__global const float *points, int n_points, int first,
+                         __global const float4 *spheres, int n_spheres, float tau, __global int *near,
+                         __global float *total, __global float *rest) {
+    const int item = get_global_id(0), chunk = first + item;
     const Chunk c = chunk_of(points, n_points, chunk);
-    near += chunk * n_spheres;
+    near += item * n_spheres;
     const int n_near = collect(c, spheres, n_spheres, tau, near);
     bool touched;
     for (int v = 0; v < VECTORS; v++) {
@@ -154,15 +156,15 @@ __kernel void total_odds(__global const float *points, int n_points, __global co
     }
 }
 
-// partial[chunk][sphere] = change of the loss, summed over the chunk, when the sphere is taken out of the
+// partial[item][sphere] = change of the loss, summed over the chunk, when the sphere is taken out of the
 // union that `total` and `rest` describe (removing = 1), or put into it (0).
-__kernel void exchange(__global const float *points, int n_points, __global const float *total,
+__kernel void exchange(__global const float *points, int n_points, int first, __global const float *total,
                        __global const float *rest, __global const float4 *spheres, int n_spheres, float tau,
                        int removing, __global int *near, __global float *partial) {
-    const int chunk = get_global_id(0);
+    const int item = get_global_id(0), chunk = first + item;
     const Chunk c = chunk_of(points, n_points, chunk);
-    near += chunk * n_spheres;
-    partial += chunk * n_spheres;
+    near += item * n_spheres;
+    partial += item * n_spheres;
     total += chunk * CHUNK;
     rest += chunk * CHUNK;
     const int n_near = collect(c, spheres, n_spheres, tau, near);

@@ -84,8 +84,10 @@ def test_odds(device, count):
     np.testing.assert_allclose(rest, expected_rest, rtol=2e-5, atol=1e-9)
 
 
+@pytest.mark.parametrize("blocks", [1, 3])
 @pytest.mark.parametrize("removing", [True, False])
-def test_exchanges(device, removing):
+def test_exchanges(device, removing, blocks, monkeypatch):
+    monkeypatch.setattr(soft_union, "SCRATCH_ENTRIES", 40 * 8 // blocks)
     spheres, points, inside = spheres_and_points(40)
     others, changed = (spheres, spheres) if removing else (spheres[:30], spheres[30:])
     kernels = on_device(device, points, inside)
