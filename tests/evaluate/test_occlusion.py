@@ -14,10 +14,13 @@ def blocked_by_definition(segments: Segments, spheres: Spheres) -> np.ndarray:
     for c, r, e, owner in zip(spheres.centers, spheres.radii, spheres.outside, spheres.owner, strict=True):
         o = c - segments.position
         d2, h = np.sum(o * o, axis=-1), np.sum(o * segments.normal, axis=-1)
-        limit = r + e * np.clip(0.25 - h / r, 0, 1)
-        skipped = (owner == segments.object) & ((h <= -r) | (d2 < limit**2))
+        own = owner == segments.object
+        w = e * np.clip(0.25 - h / r, 0, 1)
+        shrunk = r - w * np.clip((r + 2 * e - np.sqrt(d2)) / e, 0, 1)
+        skipped = own & ((h <= -r) | (np.sqrt(d2) < r + w) | (shrunk <= 0))
+        radius = np.where(own, shrunk, r)
         along = np.einsum("nk,nsk->ns", o, l)
-        m = np.maximum(d2 - r * r, 0)[:, None]
+        m = np.maximum(d2 - radius**2, 0)[:, None]
         meets = (along > 0) & (along**2 >= m)
         entered = along - np.sqrt(np.maximum(along**2 - m, 0))
         blocked |= meets & (entered < segments.reach) & ~skipped[:, None]
