@@ -10,7 +10,7 @@ from coslobe.evaluate.evaluation import evaluate
 from coslobe.render.scene import load_scene
 
 COMPARED = (0, 12)  # the two ends of the light's way
-SAMPLES = 256  # noise of the reference below 0.2 %
+SAMPLES = 256  # noise of the reference: 0.2 %
 
 
 def run_demo(out_dir: Path, device: Device, command: str, progress: Progress = SILENT) -> dict[str, Any]:
