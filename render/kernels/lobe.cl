@@ -51,16 +51,21 @@ inline float smooth_minimum(float a, float b)
     return a * rsqrt(sqrt(1.0f + x2 * x2));
 }
 
-/* Integral of (r.v)^e (n.v) over the cap of half-angle alpha around a, the cap wholly in front of n; see
-   coslobe.tables.lobe_cap.lookup_slice. `depth` = 1 - cos alpha. */
-inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, float3 n, float3 a, float alpha, float depth)
+/* Integral of (r.v)^e (n.v) over the cap around a whose half-angle, at most 60 degrees, has this `sine` and
+   `depth` = 1 - cosine, the cap wholly in front of n; see coslobe.tables.lobe_cap.lookup_slice. */
+inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, float3 n, float3 a, float sine, float depth)
 {
     const float width = rsqrt(e + 1.0f);
+    const float3 gap = a - r;
+    const float chord2 = dot(gap, gap);
+    const float farthest = 1.21f * sine + (OUTER + SMALLEST_CAP) * width; /* asin(x) < 1.21 x up to 60 degrees */
+    if (chord2 > farthest * farthest)
+        return 0.0f;
+    const float2 angles = asin(fmin((float2)(sine, 0.5f * sqrt(chord2)), 1.0f));
+    const float alpha = angles.x, theta = 2.0f * angles.y;
     const float sampled = fmax(alpha, SMALLEST_CAP * width);
     const float first = sampled - smooth_minimum(sampled, INNER * width);
     const float last = sampled + smooth_minimum(0.5f * M_PI_F, OUTER * width);
-    const float3 gap = a - r;
-    const float theta = 2.0f * asin(fmin(0.5f * length(gap), 1.0f));
     if (theta > last)
         return 0.0f;
     const float y = log(sampled / (SMALLEST_CAP * width)) * CAPS_PER_LOG;
@@ -78,6 +83,6 @@ inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, floa
     const float cap = 2.0f * M_PI_F * depth, whole = 2.0f * M_PI_F / (e + 1.0f);
     const float integral = exp(log_t) * cap * whole / (cap + whole);
     const float along = g * near.z + f * far.z, towards = g * near.w + f * far.w;
-    const float cosine = 1.0f - 0.5f * dot(gap, gap);
+    const float cosine = 1.0f - 0.5f * chord2;
     return integral * fmax(along * dot(n, r) + towards * (dot(n, a) - cosine * dot(n, r)), 0.0f);
 }

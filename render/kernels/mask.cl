@@ -2,9 +2,11 @@
    the frame's third axis, |x|, |y| <= h. Bit c of row r is the cell centred at x = ((c + 1/2) 2 / ROWS - 1) h and
    y = ((r + 1/2) 2 / ROWS - 1) h; 1 means blocked. Twins: coslobe.render.mask. */
 
-/* A frame (t, u, a) around the unit vector a (Duff et al. 2017), turned by the angle whose cosine and sine are given. */
-inline void frame_around(float3 a, float cosine, float sine, float3 *t, float3 *u)
+/* A frame (t, u, a) around the unit vector a (Duff et al. 2017), turned by a fraction of a full turn. */
+inline void frame_around(float3 a, float turn, float3 *t, float3 *u)
 {
+    float sine;
+    const float cosine = sincos_turn(turn, &sine);
     const float sign = copysign(1.0f, a.z);
     const float k = -1.0f / (sign + a.z), b = a.x * a.y * k;
     const float3 t0 = (float3)(1.0f + sign * a.x * a.x * k, sign * b, -sign * a.x);

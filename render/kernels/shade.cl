@@ -1,10 +1,10 @@
 /* Direct light at one point per work-item: closed forms where nothing blocks, bits where something does. */
 
 /* A light as a point sees it: unit axis a, distance d of the centre, sine and cosine of the cap's half-angle,
-   depth = 1 - cosine, tau = square of the tangent's length, near = distance of its nearest point. */
+   depth = 1 - cosine, tangent = length of the tangent, tau = its square, near = distance of its nearest point. */
 typedef struct {
     float3 a;
-    float d, sine, cosine, depth, tau, near;
+    float d, sine, cosine, depth, tangent, tau, near;
 } cap_t;
 
 typedef struct {
@@ -17,19 +17,19 @@ typedef struct {
 typedef struct {
     float3 position, geometric, shading, mirror;
     int object;
-    float cosine, sine; /* of the angle by which its masks are turned */
+    float turn; /* by which its masks are turned, as a fraction of a full turn */
 } receiver_t;
 
 enum { LIT = 0, PARTIAL = 1, DARK = 2 };
 
-/* Lanes whose sphere (centre o from the point, radius r) may block the cap (theory, section 7). rho is the radius,
-   but at most the distance: inside a sphere the blocked cap is a half-space. */
-inline vi meets_cap(const cap_t *cap, vf along, vf d2, vf r, vf *tangent, vf *rho)
+/* Lanes whose sphere (centre o from the point, |o|^2 = d2, o.a = along, radius r) may block the cap: its centre is not
+   farther from the cone than its radius, and it does not start behind the light's outline. Without roots or angles;
+   true for every sphere that contains the point. */
+inline vi meets_cap(const cap_t *cap, vf along, vf d2, vf r)
 {
-    *tangent = sqrt(fmax(d2 - r * r, 0.0f));
-    *rho = sqrt(fmin(r * r, d2));
-    const vf farthest = sqrt(cap->tau) + r; /* a sphere that starts behind the light's outline blocks nothing */
-    return (along > cap->cosine * *tangent - cap->sine * *rho) & (d2 < farthest * farthest) & (r > 0.0f);
+    const vf limit = (r + along * cap->sine) / cap->cosine;
+    const vf farthest = cap->tangent + r;
+    return (d2 - along * along <= limit * limit) & (limit > 0.0f) & (d2 < farthest * farthest) & (r > 0.0f);
 }
 
 /* The radius at which a sphere of the receiver's own object blocks it, 0 where it does not: spheres bulge by up to
@@ -55,24 +55,18 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
     const float h = cap->sine / cap->cosine;
     int state = framed ? PARTIAL : LIT;
     for (int g = 0; g < blockers->n_groups; g += VW) {
-        vf tangent, rho;
         const vf gx = VF_LOAD(blockers->group_x + g) - p.x, gy = VF_LOAD(blockers->group_y + g) - p.y;
         const vf gz = VF_LOAD(blockers->group_z + g) - p.z;
         const vf gr = VF_LOAD(blockers->group_radius + g), g2 = gx * gx + gy * gy + gz * gz;
-        vi near = meets_cap(cap, gx * a.x + gy * a.y + gz * a.z, g2, gr, &tangent, &rho);
-        near |= (g2 < gr * gr) & (gr > 0.0f); /* inside a group its spheres may be anywhere */
-        if (!any(near))
-            continue;
-        int chosen[VW];
-        VI_STORE(near, chosen);
-        for (int q = 0; q < VW; q++) {
-            if (!chosen[q])
-                continue;
-            for (int s = (g + q) * GROUP; s < (g + q + 1) * GROUP; s += VW) {
+        const vi near = meets_cap(cap, gx * a.x + gy * a.y + gz * a.z, g2, gr);
+        for (uint groups = any(near) ? lane_bits(near) : 0; groups; groups &= groups - 1) {
+            const int first = (g + lowest_bit(groups)) * GROUP;
+            for (int s = first; s < first + GROUP; s += VW) {
                 const vf ox = VF_LOAD(blockers->x + s) - p.x, oy = VF_LOAD(blockers->y + s) - p.y;
-                const vf oz = VF_LOAD(blockers->z + s) - p.z, r = VF_LOAD(blockers->radius + s);
+                const vf oz = VF_LOAD(blockers->z + s) - p.z;
+                vf r = VF_LOAD(blockers->radius + s);
                 const vf along = ox * a.x + oy * a.y + oz * a.z, d2 = ox * ox + oy * oy + oz * oz;
-                vi meets = meets_cap(cap, along, d2, r, &tangent, &rho);
+                vi meets = meets_cap(cap, along, d2, r);
                 if (!any(meets))
                     continue;
                 const vi owner = CAT(vload, VW)(0, blockers->owner + s);
@@ -80,39 +74,38 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
                 meets &= owner != EMITTER_OWNER(light);
                 const vi own = owner == receiver->object;
                 if (any(meets & own)) {
-                    const vf smaller = select(r, own_radius(r, VF_LOAD(blockers->outside + s), height, sqrt(d2)), own);
-                    meets &= meets_cap(cap, along, d2, smaller, &tangent, &rho);
+                    r = select(r, own_radius(r, VF_LOAD(blockers->outside + s), height, sqrt(d2)), own);
+                    meets &= meets_cap(cap, along, d2, r);
                 }
                 if (!any(meets))
                     continue;
-                if (any(meets & (along > cap->cosine * tangent + cap->sine * rho) & (rho * rho > cap->sine * cap->sine * d2)
-                        & (tangent < cap->near)))
+                /* The light's cap inside the sphere's, and the sphere in front of the light. */
+                const vf tau = fmax(d2 - r * r, 0.0f), inner = along - r * cap->sine;
+                if (any(meets & (inner > 0.0f) & (inner * inner > cap->cosine * cap->cosine * tau)
+                        & (r * r > cap->sine * cap->sine * d2) & (tau < cap->near * cap->near)))
                     return DARK;
                 if (!framed) {
-                    frame_around(a, receiver->cosine, receiver->sine, t, u);
+                    frame_around(a, receiver->turn, t, u);
                     framed = 1;
                 }
                 state = PARTIAL;
-                int on[VW];
-                float fx[VW], fy[VW], fz[VW], tau[VW], rho2[VW];
-                VI_STORE(meets, on);
+                float fx[VW], fy[VW], fz[VW], ft[VW], fr[VW];
                 VF_STORE(ox * t->x + oy * t->y + oz * t->z, fx);
                 VF_STORE(ox * u->x + oy * u->y + oz * u->z, fy);
                 VF_STORE(along, fz);
-                VF_STORE(tangent * tangent, tau);
-                VF_STORE(rho * rho, rho2);
-                for (int l = 0; l < VW; l++) {
-                    if (!on[l])
-                        continue;
+                VF_STORE(tau, ft);
+                VF_STORE(fmin(r * r, d2), fr);
+                for (uint lanes = lane_bits(meets); lanes; lanes &= lanes - 1) {
+                    const int l = lowest_bit(lanes);
                     ++*splats;
-                    if (tau[l] <= cap->near * cap->near) {
-                        splat_sphere(mask, h, fx[l], fy[l], fz[l], tau[l], rho2[l]);
+                    if (ft[l] <= cap->near * cap->near) {
+                        splat_sphere(mask, h, fx[l], fy[l], fz[l], ft[l], fr[l]);
                     } else {
                         ru touched[NR];
                         for (int k = 0; k < NR; k++)
                             touched[k] = 0;
-                        splat_sphere(touched, h, fx[l], fy[l], fz[l], tau[l], rho2[l]);
-                        splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], tau[l], cap->d, cap->tau);
+                        splat_sphere(touched, h, fx[l], fy[l], fz[l], ft[l], fr[l]);
+                        splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], ft[l], cap->d, cap->tau);
                     }
                 }
             }
@@ -197,7 +190,7 @@ inline float2 wide_light(const blockers_t *blockers, const receiver_t *receiver,
     const float3 axis = inside ? receiver->geometric : cap->a, n = receiver->shading;
     const float depth = inside ? 1.0f : cap->depth;
     float3 t, u;
-    frame_around(axis, receiver->cosine, receiver->sine, &t, &u);
+    frame_around(axis, receiver->turn, &t, &u);
     float diffuse = 0.0f, lobe = 0.0f;
     for (int k = 0; k < WIDE_RINGS; k++) {
         const float below = (k + 0.5f) * (depth / WIDE_RINGS);
@@ -247,7 +240,7 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
     receiver.geometric = (float3)(point.geometric[0], point.geometric[1], point.geometric[2]);
     receiver.shading = (float3)(point.shading[0], point.shading[1], point.shading[2]);
     receiver.object = point.object;
-    receiver.cosine = sincos_turn(point.turn, &receiver.sine);
+    receiver.turn = point.turn;
     const float3 n = receiver.shading;
     const float3 view = normalize((float3)(eye_x, eye_y, eye_z) - receiver.position);
     receiver.mirror = 2.0f * dot(n, view) * n - view;
@@ -266,11 +259,12 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
         cap.d = sqrt(d2);
         cap.near = cap.d - r;
         cap.tau = fmax(cap.near * (cap.d + r), 0.0f);
+        cap.tangent = sqrt(cap.tau);
         float diffuse, lobe = 0.0f;
         if (cap.near <= 0.0f || cap.tau < COS2_WIDE * d2) {
             const int inside = cap.near <= 0.0f;
             cap.a = inside ? receiver.geometric : to_light / cap.d;
-            cap.cosine = inside ? 0.0f : sqrt(cap.tau) / cap.d;
+            cap.cosine = inside ? 0.0f : cap.tangent / cap.d;
             cap.sine = inside ? 1.0f : r / cap.d;
             cap.depth = 1.0f - cap.cosine;
             const float2 both = wide_light(&blockers, &receiver, &cap, j, inside, glossy, e);
@@ -280,7 +274,7 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
         } else {
             cap.a = to_light / cap.d;
             cap.sine = r / cap.d;
-            cap.cosine = sqrt(cap.tau) / cap.d;
+            cap.cosine = cap.tangent / cap.d;
             const float q = cap.sine * cap.sine;
             cap.depth = q / (1.0f + cap.cosine);
             const float over_geometric = dot(receiver.geometric, cap.a), over_shading = dot(n, cap.a);
@@ -296,7 +290,7 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
                 mask[k] = 0;
             int framed = 0;
             if (over_geometric < cap.sine || (cut & glossy)) {
-                frame_around(cap.a, receiver.cosine, receiver.sine, &t, &u);
+                frame_around(cap.a, receiver.turn, &t, &u);
                 const float3 g = receiver.geometric;
                 splat_horizon(mask, h, (float3)(dot(g, t), dot(g, u), over_geometric));
                 framed = 1;
@@ -311,7 +305,7 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
             diffuse = lambert_sphere(over_shading, q);
             if (glossy)
                 lobe = lobe_over_cap(slices + material.slice * (CAPS * ANGLES), e, receiver.mirror,
-                                     cut ? receiver.mirror : n, cap.a, asin(cap.sine), cap.depth);
+                                     cut ? receiver.mirror : n, cap.a, cap.sine, cap.depth);
             if (state == PARTIAL) {
                 ru lit[NR];
                 for (int k = 0; k < NR; k++)

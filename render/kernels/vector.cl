@@ -10,6 +10,29 @@ typedef CAT(int, VW) vi;
 #define VI_STORE(v, p) CAT(vstore, VW)(v, 0, p)
 #define VF_STORE(v, p) CAT(vstore, VW)(v, 0, p)
 
+/* One bit per lane of a comparison's result, lane 0 lowest. */
+inline uint lane_bits(vi chosen)
+{
+#if VW == 16
+    const int16 bit = (int16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768) & chosen;
+    const int8 b8 = bit.lo | bit.hi;
+    const int4 b4 = b8.lo | b8.hi;
+#elif VW == 8
+    const int8 bit = (int8)(1, 2, 4, 8, 16, 32, 64, 128) & chosen;
+    const int4 b4 = bit.lo | bit.hi;
+#else
+    const int4 b4 = (int4)(1, 2, 4, 8) & chosen;
+#endif
+    const int2 b2 = b4.lo | b4.hi;
+    return (uint)(b2.x | b2.y);
+}
+
+/* Number of the lowest set bit. */
+inline int lowest_bit(uint bits)
+{
+    return 31 - clz(bits & -bits);
+}
+
 typedef CAT(float, RW) rf;
 typedef CAT(int, RW) ri;
 typedef CAT(uint, RW) ru;

@@ -74,9 +74,7 @@ __kernel void frame_many(__global const float *axis, __global const float *turn,
 {
     const int i = get_global_id(0);
     float3 t, u;
-    float sine;
-    const float cosine = sincos_turn(turn[i], &sine);
-    frame_around((float3)(axis[3 * i], axis[3 * i + 1], axis[3 * i + 2]), cosine, sine, &t, &u);
+    frame_around((float3)(axis[3 * i], axis[3 * i + 1], axis[3 * i + 2]), turn[i], &t, &u);
     out[6 * i] = t.x; out[6 * i + 1] = t.y; out[6 * i + 2] = t.z;
     out[6 * i + 3] = u.x; out[6 * i + 4] = u.y; out[6 * i + 5] = u.z;
 }
@@ -87,7 +85,7 @@ __kernel void lobe_cap_many(__global const float4 *slices, __global const float 
     __global const float *p = arguments + 11 * i;
     const float depth = 2.0f * sin(0.5f * p[10]) * sin(0.5f * p[10]);
     out[i] = lobe_over_cap(slices + (int)p[0] * (CAPS * ANGLES), p[1], (float3)(p[2], p[3], 0.0f),
-                           (float3)(p[4], p[5], p[6]), (float3)(p[7], p[8], p[9]), p[10], depth);
+                           (float3)(p[4], p[5], p[6]), (float3)(p[7], p[8], p[9]), sin(p[10]), depth);
 }
 """
 
