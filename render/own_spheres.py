@@ -13,4 +13,6 @@ def own_radius(radius: NDArray, outside: NDArray, height: NDArray, distance: NDA
     """
     bulge = outside * np.clip(0.25 - height / radius, 0, 1)
     near = np.clip((radius + 2 * outside - distance) / np.maximum(outside, 1e-30), 0, 1)
-    return np.where((height <= -radius) | (distance < radius + bulge), 0.0, radius - bulge * near)
+    return np.where(
+        (height <= -radius) | (distance < radius + bulge), 0.0, np.maximum(radius - bulge * near, 0)
+    )

@@ -40,7 +40,7 @@ inline vi meets_cap(const cap_t *cap, vf along, vf d2, vf r)
     { \
         const T bulge = outside * clamp(0.25f - height / r, (T)(0.0f), (T)(1.0f)); \
         const T near = clamp((r + 2.0f * outside - distance) / fmax(outside, (T)(1e-30f)), (T)(0.0f), (T)(1.0f)); \
-        const T left = r - bulge * near; \
+        const T left = fmax(r - bulge * near, (T)(0.0f)); \
         return select(left, (T)(0.0f), (height <= -r) | (distance < r + bulge)); \
     }
 OWN_RADIUS(vf, own_radius)
