@@ -8,6 +8,7 @@ import shutil
 import tempfile
 import warnings
 from functools import lru_cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,16 @@ def digest(*parts: Any) -> str:
         A part has no JSON form; its text could leave out what tells two results apart.
     """
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=plain).encode()).hexdigest()
+
+
+@lru_cache(maxsize=8)
+def code_digest(*rooms: str) -> str:
+    """Hash of the source of `rooms` (as in "render.kernels"): what a change of the code makes out of date."""
+    texts = []
+    for room in rooms:
+        code = [file for file in files(f"coslobe.{room}").iterdir() if file.name.endswith((".py", ".cl"))]
+        texts += [file.read_text(encoding="utf-8") for file in sorted(code, key=lambda file: file.name)]
+    return digest(texts)
 
 
 def entry(kind: str, key: str, suffix: str) -> Path:

@@ -166,7 +166,9 @@ def _settings_hash(scene: Scene, assets: Assets, occluders: OccluderKind, grid: 
         blockers = hashlib.sha256(
             b"".join(np.ascontiguousarray(part).tobytes() for part in parts)
         ).hexdigest()
-    return cache.digest("reference", VERSION, data, order, blockers, grid.rows, grid.columns, SEED, frame)
+    code = cache.code_digest("core", "spheresets", "render", "evaluate")
+    settings = (data, order, blockers, grid.rows, grid.columns, SEED, frame)
+    return cache.digest("reference", VERSION, code, *settings)
 
 
 def _is_done(path: Path, settings: str) -> bool:

@@ -3,8 +3,6 @@
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -122,6 +120,10 @@ def plan_frames(
     return planned
 
 
+# The rooms whose code pixels depend on.
+CODE = ("core", "spheresets", "spheresets.kernels", "tables", "render", "render.kernels", "render.methods")
+
+
 def settings_hash(scene: Scene, assets: Assets, device: DeviceInfo, layers: Sequence[str]) -> str:
     """Identity of a picture: the scene with its files' contents, the device, the layers, and the code.
 
@@ -132,26 +134,7 @@ def settings_hash(scene: Scene, assets: Assets, device: DeviceInfo, layers: Sequ
         data["objects"][name] |= assets.contents(obj)
     order = [list(part) for part in (scene.materials, scene.lights, scene.objects)]
     runtime = (device.platform, device.version, device.name, device.vector_width)
-    return cache.digest(_recipe(), data, order, runtime, list(layers))
-
-
-@lru_cache(maxsize=1)
-def _recipe() -> str:
-    """Hash of all code that pixels depend on: after a change of it, frames are rendered again."""
-    rooms = (
-        "core",
-        "spheresets",
-        "spheresets.kernels",
-        "tables",
-        "render",
-        "render.kernels",
-        "render.methods",
-    )
-    texts = [VERSION]
-    for room in rooms:
-        code = [file for file in files(f"coslobe.{room}").iterdir() if file.name.endswith((".py", ".cl"))]
-        texts += [file.read_text(encoding="utf-8") for file in sorted(code, key=lambda file: file.name)]
-    return cache.digest(texts)
+    return cache.digest(VERSION, cache.code_digest(*CODE), data, order, runtime, list(layers))
 
 
 def _stored(exr: Path) -> dict[str, Any]:
