@@ -44,12 +44,15 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(function)
     def guarded(*args: Any, **kwargs: Any) -> None:
         if threading.current_thread() is threading.main_thread():
-            signal.signal(signal.SIGTERM, _terminate)
-            signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
+            _listen()
         try:
             with warnings.catch_warnings(), _stdout_kept_for_json(kwargs.get("json", False)):
                 warnings.showwarning = _show_warning
-                function(*args, **kwargs)
+                try:
+                    function(*args, **kwargs)
+                except Exception:
+                    _raise_if_stopped()  # the failure is what some library made of the signal
+                    raise
         except CoslobeError as error:
             if os.environ.get("COSLOBE_DEBUG"):
                 raise
@@ -68,8 +71,28 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     return guarded
 
 
-def _terminate(*_: Any) -> NoReturn:
-    raise Terminated
+# The signal that arrived. Its exception may get lost: some libraries (trimesh) swallow what is raised while
+# they are imported, and so does Python in destructors. The next report of progress raises it again.
+_arrived: int | None = None
+
+
+def _listen() -> None:
+    """Turn SIGINT (which a shell's background job ignores) and SIGTERM into exceptions."""
+    global _arrived
+    _arrived = None
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
+
+
+def _stop(number: int, _: Any) -> None:
+    global _arrived
+    _arrived = number
+    _raise_if_stopped()
+
+
+def _raise_if_stopped() -> None:
+    if _arrived is not None:
+        raise KeyboardInterrupt if _arrived == signal.SIGINT else Terminated
 
 
 def fail(message: str, hint: str | None, status: int) -> NoReturn:
@@ -146,17 +169,25 @@ class _Terminal(Progress):
         self._console = console
 
     def say(self, text: str) -> None:
+        _raise_if_stopped()
         self._console.print(escape(text), soft_wrap=True)
 
     @contextmanager
     def task(self, name: str, total: float) -> Iterator[Callable[..., None]]:
-        if self._bars is None:
+        _raise_if_stopped()
+        bars = self._bars
+        if bars is None:
             self._console.print(escape(f"{name} ..."), soft_wrap=True)
-            yield lambda amount=1.0, note="": None
+            yield lambda amount=1.0, note="": _raise_if_stopped()
             return
-        bars, task = self._bars, self._bars.add_task(name, total=total, note="")
+        task = bars.add_task(name, total=total, note="")
+
+        def advance(amount: float = 1.0, note: str = "") -> None:
+            _raise_if_stopped()
+            bars.update(task, advance=amount, note=note)
+
         try:
-            yield lambda amount=1.0, note="": bars.update(task, advance=amount, note=note)
+            yield advance
         finally:
             bars.remove_task(task)
 

@@ -16,7 +16,7 @@ from coslobe.core.progress import SILENT, Progress
 from coslobe.render.gbuffer import RayCaster
 from coslobe.render.scene import Object, Plane, Scene
 from coslobe.spheresets.files import mismatch, read_spheres
-from coslobe.spheresets.fit import cached_spheres
+from coslobe.spheresets.fit import cache_file, cached_spheres
 from coslobe.spheresets.mesh import Mesh, load_mesh
 from coslobe.spheresets.model import SphereSet
 
@@ -79,11 +79,20 @@ class Assets:
         return self._once(("spheres", obj.mesh, obj.spheres), lambda: self._load_spheres(obj))
 
     def spheres_source(self, obj: Object) -> str:
-        """Where the sphere set of a mesh comes from, in words."""
+        """Where the sphere set of a mesh comes from, in words: a file, the cache, or a fit to be made."""
         spheres = obj.spheres
         if spheres.file is not None:
             return f"read from {spheres.file}"
-        return f"{spheres.count} to be fitted, unless they are in the cache"
+        assert self._device is not None
+        cached = cache_file(
+            self.mesh(obj),
+            spheres.count,
+            method=spheres.method,
+            quality=spheres.quality,
+            seed=spheres.seed,
+            device=self._device,
+        )
+        return f"{spheres.count}, {'cached' if cached.is_file() else 'to be fitted'}"
 
     def contents(self, obj: Object) -> dict[str, Any]:
         """The keys of the object that name files, with the SHA-256 of what is in the files instead.

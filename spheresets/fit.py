@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,10 +98,8 @@ def cached_spheres(
 
     With `metrics`, the tree has them; else only where an earlier call wanted them.
     """
-    check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
     settings = {"method": method, "quality": quality, "mode": mode, "seed": seed, "levels": levels}
-    key = cache.digest(_recipe(), _geometry(mesh), count, settings, _identity(device))
-    path = cache.entry("spheres", key, SUFFIX)
+    path = cache_file(mesh, count, device=device, **settings)
     try:
         tree = replace(read_spheres(path), mesh=_info(mesh))
     except InvalidInput:  # not there yet, or damaged
@@ -111,6 +110,24 @@ def cached_spheres(
         tree = replace(tree, metrics=measure(Solid(mesh), tree.finest, device, progress))
         write_spheres(path, tree)
     return tree
+
+
+def cache_file(
+    mesh: Mesh,
+    count: int = 64,
+    *,
+    method: str = "balanced",
+    quality: str = "fast",
+    mode: str = "balanced",
+    seed: int = 0,
+    levels: int | None = None,
+    device: Device,
+) -> Path:
+    """Where `cached_spheres` keeps the tree; there is no such file before the first fit."""
+    check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
+    settings = {"method": method, "quality": quality, "mode": mode, "seed": seed, "levels": levels}
+    key = cache.digest(_recipe(), _geometry(mesh), count, settings, _identity(device))
+    return cache.entry("spheres", key, SUFFIX)
 
 
 def check_settings(count: int, *, method: str, quality: str, mode: str, levels: int | None = None) -> None:

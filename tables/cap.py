@@ -1,10 +1,11 @@
 """The cap table: the lobe that stands for a spherical cap, such as a spherical light (Sec. 5.2)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 SAMPLES = 1000  # as in the paper
 
@@ -58,7 +59,7 @@ def best_exponent_depth(depth: float) -> float:
         return 0.0  # a hemisphere is the lobe of exponent 0
     if depth == 0.0:
         # Limit of small caps: 1 - 2 (1 - exp(-x)) / x + 1 / (2 x) is smallest.
-        return brentq(lambda x: 1.5 - 2 * (1 + x) * np.exp(-x), 0.1, 5.0, xtol=1e-14)
+        return _root(lambda x: 1.5 - 2 * (1 + x) * np.exp(-x), 0.1, 5.0)
     log_c = np.log1p(-depth)
 
     def slope(e: float) -> float:
@@ -66,5 +67,8 @@ def best_exponent_depth(depth: float) -> float:
         c_power = np.exp(m * log_c)
         return 2 * (1 - c_power + m * log_c * c_power) / m**2 - 2 / (2 * e + 1) ** 2
 
-    x = brentq(lambda x: slope(x / depth), 1e-12, 3.0, xtol=1e-14)
-    return float(x)
+    return _root(lambda x: slope(x / depth), 1e-12, 3.0)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(root_scalar(function, method="brentq", bracket=(low, high), xtol=1e-14).root)

@@ -73,6 +73,15 @@ def test_fitting_needs_a_device(tiny_scene):
         world_blockers(scene, Assets(None))
 
 
+def test_sources_of_spheres_are_told(tiny_scene, device):
+    cube = load_scene(tiny_scene).at(0).objects["cube"]
+    assert Assets(device).spheres_source(cube) == f"read from {tiny_scene.parent / 'cube.spheres.json'}"
+    cube = load_scene(tiny_scene, ["objects.cube.spheres={count: 5}"]).at(0).objects["cube"]
+    assert Assets(device).spheres_source(cube) == "5, to be fitted"
+    Assets(device).spheres(cube)
+    assert Assets(device).spheres_source(cube) == "5, cached"
+
+
 def test_contents_do_not_depend_on_where_files_lie(tiny_scene, tmp_path):
     import shutil
 

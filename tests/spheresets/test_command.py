@@ -13,7 +13,8 @@ from coslobe.spheresets.files import read_spheres
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Runs the command in an empty folder."""
+    """Runs the command in an empty folder, measuring shadows on a coarser ground."""
+    monkeypatch.setattr("coslobe.spheresets.ground_shadow.GROUND_CELLS", 24)
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)

@@ -13,6 +13,12 @@ from coslobe.spheresets.solid import Solid
 DIAGONAL = 2 * np.sqrt(3)  # of the unit ball's box
 
 
+@pytest.fixture(autouse=True)
+def coarser_ground(monkeypatch):
+    """A quarter of the receivers: what is tested here shows on fewer."""
+    monkeypatch.setattr("coslobe.spheresets.ground_shadow.GROUND_CELLS", 48)
+
+
 @pytest.fixture(scope="module")
 def solid(ball) -> Solid:
     return Solid(ball)
