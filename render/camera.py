@@ -34,7 +34,7 @@ class Rays:
 
 def camera_rays(scene: "Scene") -> Rays:
     """Rays through the sample positions of every pixel; a camera that rests is asked once."""
-    return _rays(scene.camera, scene.image)
+    return _rays(scene.camera, scene.image)  # pyright: ignore[reportArgumentType]  # frozen, so hashable
 
 
 @lru_cache(maxsize=2)

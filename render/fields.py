@@ -21,10 +21,10 @@ from pydantic_core import PydanticCustomError
 LARGEST = 1e30  # kernels compute in single precision
 
 
-class Part(BaseModel, frozen=True):
+class Part(BaseModel):
     """Common to all parts of a scene: unknown keys are errors, and nothing changes after validation."""
 
-    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 def wrong(message: str) -> PydanticCustomError:

