@@ -154,11 +154,11 @@ def print_json(document: Any) -> None:
 
 def say(text: str) -> None:
     """One line for a person, on stdout."""
-    Console(highlight=False, soft_wrap=True).print(escape(text))
+    Console(highlight=False, soft_wrap=True, emoji=False).print(escape(text))
 
 
 def _stderr() -> Console:
-    return Console(stderr=True, highlight=False)
+    return Console(stderr=True, highlight=False, emoji=False)  # "A:B:S" must not become a picture
 
 
 class _Terminal(Progress):

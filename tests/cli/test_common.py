@@ -15,7 +15,7 @@ from coslobe.cli import common
 from coslobe.core import libraries
 from coslobe.core.errors import CoslobeError, InvalidInput, NoDevice, UsageError
 
-HINT = "do this [instead]"  # brackets are markup to rich and must survive
+HINT = "do this [instead] as A:B:S"  # brackets and names in colons are markup to rich and must survive
 
 
 def run(function, *arguments):
