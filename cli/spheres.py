@@ -27,12 +27,15 @@ def spheres(
 ) -> None:
     """Fit spheres to a mesh; write the sphere file and a preview picture beside it."""
     from coslobe.core.device import open_device
+    from coslobe.core.errors import UsageError
     from coslobe.spheresets.files import SUFFIX, write_spheres
     from coslobe.spheresets.fit import cached_spheres, check_settings
-    from coslobe.spheresets.mesh import load_mesh
+    from coslobe.spheresets.mesh import SAMPLE_BUNNY, load_mesh
     from coslobe.spheresets.preview import write_preview
 
     check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
+    if mesh != SAMPLE_BUNNY and not Path(mesh).is_file():
+        raise UsageError(f"{mesh}: no such file", f"give a mesh file or {SAMPLE_BUNNY}")
     source = load_mesh(mesh)
     file = output or Path(source.name + SUFFIX)
     picture = file.with_name(file.name.removesuffix(".json").removesuffix(".spheres") + ".spheres.png")

@@ -78,7 +78,6 @@ def test_wrong_use_ends_with_status_2(run, ball_file, arguments, status, complai
 @pytest.mark.parametrize(
     ("name", "content", "complaint"),
     [
-        ("none.ply", None, "none.ply: cannot be read (No such file or directory)"),
         ("mesh.xyz", b"1 2 3", "mesh.xyz: not a mesh file type that can be read"),
         ("mesh.ply", b"nonsense", "mesh.ply: cannot be read as a mesh"),
         ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "flat.obj: the mesh encloses no volume"),
@@ -87,8 +86,7 @@ def test_wrong_use_ends_with_status_2(run, ball_file, arguments, status, complai
 )
 def test_meshes_that_cannot_be_used_end_with_status_3(run, tmp_path, name, content, complaint):
     path = tmp_path / name
-    if content is not None:
-        path.write_bytes(content)
+    path.write_bytes(content)
     result = run(path)
     assert result.exit_code == 3
     assert complaint in result.stderr
@@ -98,6 +96,13 @@ def test_meshes_that_cannot_be_used_end_with_status_3(run, tmp_path, name, conte
 
 def test_a_missing_mesh_argument_is_wrong_use(run):
     assert run().exit_code == 2
+
+
+@pytest.mark.parametrize("name", ["none.ply", "sample:cow"])
+def test_a_mesh_that_is_not_there_is_wrong_use(run, name):
+    result = run(name)
+    assert result.exit_code == 2
+    assert f"{name}: no such file" in result.stderr
 
 
 def test_a_folder_that_cannot_be_written_is_named(run, ball_file):
