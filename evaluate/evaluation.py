@@ -113,7 +113,8 @@ def evaluate(
     write_json(results, document)
     write_text(out_dir / "results.csv", _csv(frame_records))
     report = write_report(results)
-    return {"results": results, "report": report, "frames": frame_records}
+    shown = [{key: record[key] for key in record if key != "pictures"} for record in frame_records]
+    return {"results": results, "report": report, "frames": shown}
 
 
 class _Frame:

@@ -63,6 +63,7 @@ def test_an_injected_fault_is_seen(evaluated, ball_scene, device):
 def test_results_hold_what_the_contract_names(evaluated):
     document, folder = evaluated
     assert set(document) == {"results", "report", "frames"}
+    assert not any("pictures" in frame for frame in document["frames"])  # whose paths are relative
     results = json.loads((folder / "results.json").read_text())
     assert [frame["index"] for frame in results["frames"]] == [0, 2]
     for frame in results["frames"]:
