@@ -52,7 +52,9 @@ inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float 
         }
         return;
     }
-    /* A large cap, whose outline may leave the plane: roots in the form that survives a2 = 0. */
+    /* A large cap, whose outline may leave the plane: roots in the form that survives a2 = 0. Straight ahead of a point
+       inside the sphere they would be 0 / 0; any trace of ox then puts them far outside the plane. */
+    ox = fabs(ox) < 1e-20f ? 1e-20f : ox;
     for (int k = 0; k < NR; k++) {
         const rf y = row_centres(k) * h;
         const rf u = oy * y + oz, b = ox * u, c = oy - oz * y;

@@ -22,14 +22,30 @@ typedef struct {
 
 enum { LIT = 0, PARTIAL = 1, DARK = 2 };
 
-/* Lanes whose sphere (centre o from the point, |o|^2 = d2, o.a = along, radius r) may block the cap: its centre is not
-   farther from the cone than its radius, and it does not start behind the light's outline. Without roots or angles;
-   true for every sphere that contains the point. */
-inline vi meets_cap(const cap_t *cap, vf along, vf d2, vf r)
+/* Squared distances from the light's axis of spheres whose centres lie `along` it. Not |o|^2 - along^2, which cancels:
+   at a milliradian from the axis it would be wrong by a tenth. */
+inline vf across_axis(const cap_t *cap, vf ox, vf oy, vf oz, vf along)
+{
+    const vf x = ox - along * cap->a.x, y = oy - along * cap->a.y, z = oz - along * cap->a.z;
+    return x * x + y * y + z * z;
+}
+
+/* Lanes whose sphere (centre o from the point, |o|^2 = d2, o.a = along, squared distance from the axis across2, radius
+   r) may block the cap: its centre is not farther from the cone than its radius, and it does not start behind the
+   light's outline. Without roots or angles; true for every sphere that contains the point. */
+inline vi meets_cap(const cap_t *cap, vf along, vf across2, vf d2, vf r)
 {
     const vf limit = (r + along * cap->sine) / cap->cosine;
     const vf farthest = cap->tangent + r;
-    return (d2 - along * along <= limit * limit) & (limit > 0.0f) & (d2 < farthest * farthest) & (r > 0.0f);
+    return (across2 <= limit * limit) & (limit > 0.0f) & (d2 < farthest * farthest) & (r > 0.0f);
+}
+
+/* Lanes whose sphere covers the cap: the cone's far side lies inside it, and in front of the point. */
+inline vi covers_cap(const cap_t *cap, vf along, vf across2, vf r)
+{
+    const vf limit = (r - along * cap->sine) / cap->cosine, ahead = along * cap->cosine;
+    return (across2 < limit * limit) & (limit > 0.0f) & (across2 * (cap->sine * cap->sine) < ahead * ahead)
+         & (along > 0.0f);
 }
 
 /* The radius at which a sphere of the receiver's own object blocks it, 0 where it does not: spheres bulge by up to
@@ -58,7 +74,8 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
         const vf gx = VF_LOAD(blockers->group_x + g) - p.x, gy = VF_LOAD(blockers->group_y + g) - p.y;
         const vf gz = VF_LOAD(blockers->group_z + g) - p.z;
         const vf gr = VF_LOAD(blockers->group_radius + g), g2 = gx * gx + gy * gy + gz * gz;
-        const vi near = meets_cap(cap, gx * a.x + gy * a.y + gz * a.z, g2, gr);
+        const vf g_along = gx * a.x + gy * a.y + gz * a.z;
+        const vi near = meets_cap(cap, g_along, across_axis(cap, gx, gy, gz, g_along), g2, gr);
         for (uint groups = any(near) ? lane_bits(near) : 0; groups; groups &= groups - 1) {
             const int first = (g + lowest_bit(groups)) * GROUP;
             for (int s = first; s < first + GROUP; s += VW) {
@@ -66,7 +83,8 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
                 const vf oz = VF_LOAD(blockers->z + s) - p.z;
                 vf r = VF_LOAD(blockers->radius + s);
                 const vf along = ox * a.x + oy * a.y + oz * a.z, d2 = ox * ox + oy * oy + oz * oz;
-                vi meets = meets_cap(cap, along, d2, r);
+                const vf across2 = across_axis(cap, ox, oy, oz, along);
+                vi meets = meets_cap(cap, along, across2, d2, r);
                 if (!any(meets))
                     continue;
                 const vi owner = CAT(vload, VW)(0, blockers->owner + s);
@@ -75,14 +93,13 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
                 const vi own = owner == receiver->object;
                 if (any(meets & own)) {
                     r = select(r, own_radius(r, VF_LOAD(blockers->outside + s), height, sqrt(d2)), own);
-                    meets &= meets_cap(cap, along, d2, r);
+                    meets &= meets_cap(cap, along, across2, d2, r);
                 }
                 if (!any(meets))
                     continue;
                 /* The light's cap inside the sphere's, and the sphere in front of the light. */
-                const vf tau = fmax(d2 - r * r, 0.0f), inner = along - r * cap->sine;
-                if (any(meets & (inner > 0.0f) & (inner * inner > cap->cosine * cap->cosine * tau)
-                        & (r * r > cap->sine * cap->sine * d2) & (tau < cap->near * cap->near)))
+                const vf tau = fmax(d2 - r * r, 0.0f);
+                if (any(meets & covers_cap(cap, along, across2, r) & (tau < cap->near * cap->near)))
                     return DARK;
                 if (!framed) {
                     frame_around(a, receiver->turn, t, u);
@@ -134,10 +151,13 @@ inline float3 diffuse_cells(const ru *lit, __constant uint *disk, float h, float
     return (float3)(row_sum(solid), row_sum(all), row_sum(some));
 }
 
-/* The same sums with a lobe of exponent e around the unit vector r in place of nothing. */
+/* Sums over the cells of the light's disk with a lobe of exponent e around the unit vector r: solid angle times lobe
+   times the cosine to r (x), to the normal over all (y) and over lit cells (z). A lobe that falls between the cells'
+   centres is widened until neighbouring cells share it. */
 inline float3 glossy_cells(const ru *lit, __constant uint *disk, float h, float3 n, float3 r, float e)
 {
-    rf solid = 0.0f, all = 0.0f, some = 0.0f;
+    rf around = 0.0f, all = 0.0f, some = 0.0f;
+    const float exponent = fmin(e, (float)(ROWS * ROWS) / (h * h)); /* half a cell wide at least */
     for (int k = 0; k < NR; k++) {
         const rf y = row_centres(k) * h;
         const ru inside = RU_LOAD(k, disk);
@@ -146,14 +166,15 @@ inline float3 glossy_cells(const ru *lit, __constant uint *disk, float h, float3
             const rf inverse = rsqrt(x * x + y * y + 1.0f);
             const rf omega = select((rf)(0.0f), inverse * inverse * inverse, AS_RI(inside << (31 - c)));
             const rf dx = x * inverse - r.x, dy = y * inverse - r.y, dz = inverse - r.z;
-            const rf lobe = lobe_rows(0.5f * (dx * dx + dy * dy + dz * dz), e);
-            const rf value = omega * lobe * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
-            solid += omega;
+            const rf q = 0.5f * (dx * dx + dy * dy + dz * dz);
+            const rf lobe = omega * lobe_rows(q, exponent);
+            const rf value = lobe * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
+            around += lobe * (1.0f - q);
             all += value;
             some += select((rf)(0.0f), value, AS_RI(lit[k] << (31 - c)));
         }
     }
-    return (float3)(row_sum(solid), row_sum(all), row_sum(some));
+    return (float3)(row_sum(around), row_sum(all), row_sum(some));
 }
 
 /* Does any sphere block the unit direction l before the light is entered at `reach`? */
@@ -182,42 +203,45 @@ inline int blocked(const blockers_t *blockers, const receiver_t *receiver, int l
     return 0;
 }
 
+/* Does the light reach the point from the unit direction l? */
+inline int sees_light(const blockers_t *blockers, const receiver_t *receiver, const cap_t *cap, int light,
+                      int inside, float3 l)
+{
+    if (dot(receiver->shading, l) <= 0.0f || dot(receiver->geometric, l) <= 0.0f)
+        return 0;
+    if (inside)
+        return 1;
+    const float along = cap->d * dot(cap->a, l), beyond = along * along - cap->tau;
+    if (along <= 0.0f || beyond < 0.0f)
+        return 0;
+    return blockers->n_groups == 0 || !blocked(blockers, receiver, light, l, along - sqrt(beyond));
+}
+
 /* Diffuse and glossy integrals for a light so near or so large that no plane holds its cone: directions in an
-   equal-area map of the cap (or, inside the light, of the hemisphere), each tested against every blocker. */
+   equal-area map of the cap (inside the light: of the hemisphere), and such as the lobe itself distributes them, since
+   a sharp one would fall between the former; each tested against every blocker. */
 inline float2 wide_light(const blockers_t *blockers, const receiver_t *receiver, const cap_t *cap, int light,
                          int inside, int glossy, float e)
 {
-    const float3 axis = inside ? receiver->geometric : cap->a, n = receiver->shading;
-    const float depth = inside ? 1.0f : cap->depth;
-    float3 t, u;
-    frame_around(axis, receiver->turn, &t, &u);
-    float diffuse = 0.0f, lobe = 0.0f;
-    for (int k = 0; k < WIDE_RINGS; k++) {
-        const float below = (k + 0.5f) * (depth / WIDE_RINGS);
-        const float z = 1.0f - below, rim = sqrt(fmax(below * (2.0f - below), 0.0f));
-        for (int c = 0; c < WIDE_SECTORS; c++) {
-            float sine;
-            const float cosine = sincos_turn((c + 0.5f) / WIDE_SECTORS, &sine);
-            const float3 l = rim * (cosine * t + sine * u) + z * axis;
-            const float ns = dot(n, l);
-            if (ns <= 0.0f || dot(receiver->geometric, l) <= 0.0f)
-                continue;
-            float reach = 0.0f;
-            if (!inside) {
-                const float along = cap->d * dot(cap->a, l);
-                reach = along - sqrt(fmax(along * along - cap->tau, 0.0f));
-            }
-            if (reach > 0.0f && blockers->n_groups > 0 && blocked(blockers, receiver, light, l, reach))
-                continue;
-            diffuse += ns;
-            if (glossy) {
-                const float3 gap = l - receiver->mirror;
-                const float q = 0.5f * dot(gap, gap);
-                lobe += q < 1.0f ? ns * exp(e * log1p(-q)) : 0.0f;
+    float sums[2] = {0.0f, 0.0f};
+    for (int lobe = 0; lobe <= glossy; lobe++) {
+        const float3 axis = lobe ? receiver->mirror : cap->a;
+        float3 t, u;
+        frame_around(axis, receiver->turn, &t, &u);
+        for (int k = 0; k < WIDE_RINGS; k++) {
+            const float share = (k + 0.5f) / WIDE_RINGS;
+            const float below = lobe ? -expm1(log(share) / (e + 1.0f)) : share * cap->depth; /* 1 - cosine */
+            const float z = 1.0f - below, rim = sqrt(fmax(below * (2.0f - below), 0.0f));
+            for (int c = 0; c < WIDE_SECTORS; c++) {
+                float sine;
+                const float cosine = sincos_turn((c + 0.5f) / WIDE_SECTORS, &sine);
+                const float3 l = rim * (cosine * t + sine * u) + z * axis;
+                if (sees_light(blockers, receiver, cap, light, inside, l))
+                    sums[lobe] += dot(receiver->shading, l);
             }
         }
     }
-    return (float2)(diffuse, lobe) * (2.0f * M_PI_F * depth / (WIDE_RINGS * WIDE_SECTORS));
+    return (float2)(sums[0] * cap->depth, sums[1] / (e + 1.0f)) * (2.0f * M_PI_F / (WIDE_RINGS * WIDE_SECTORS));
 }
 
 __kernel void shade(__global const point_t *points, const int n_points, const float eye_x, const float eye_y,
@@ -303,7 +327,7 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
                 continue;
             }
             diffuse = lambert_sphere(over_shading, q);
-            if (glossy)
+            if (glossy) /* where the horizon cuts the light, with the cosine to the lobe's own axis */
                 lobe = lobe_over_cap(slices + material.slice * (CAPS * ANGLES), e, receiver.mirror,
                                      cut ? receiver.mirror : n, cap.a, cap.sine, cap.depth);
             if (state == PARTIAL) {
@@ -325,14 +349,12 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
                         diffuse = cells.y > 0.0f ? diffuse * cells.z / cells.y : 0.0f;
                     }
                     /* A lobe that hardly reaches the light is not worth its cells. */
-                    if (glossy && lobe > NEGLIGIBLE_LOBE * M_PI_F / (e + 1.0f)) {
+                    if (glossy && lobe * (e + 2.0f) > NEGLIGIBLE_LOBE * 4.0f * M_PI_F * cap.depth) {
                         const float3 m = receiver.mirror;
                         const float3 ml = (float3)(dot(m, t), dot(m, u), dot(m, cap.a));
                         const float3 cells = glossy_cells(lit, disk, h, nl, ml, e);
-                        if (cut) /* no closed form: cells weighted by their solid angles */
-                            lobe = cells.z * (2.0f * M_PI_F * cap.depth / cells.x);
-                        else
-                            lobe = cells.y > 0.0f ? lobe * cells.z / cells.y : 0.0f;
+                        const float whole = cut ? cells.x : cells.y;
+                        lobe = whole > 0.0f ? lobe * cells.z / whole : 0.0f;
                     }
                 } else {
                     count.lit++;

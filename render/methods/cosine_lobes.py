@@ -32,8 +32,9 @@ WIDE_SECTORS = 64
 # would be 0.25 % instead of 0.11 %.
 LARGEST_MOMENT_H = 0.2
 
-# Lobes that collect less than this part of their integral from a light are not worth its cells.
-NEGLIGIBLE_LOBE = 1e-5
+# A penumbra's lobe is not worth the light's cells where it adds less than this part of what a white diffuse
+# surface would add under the same light: below, its shadow is left out.
+NEGLIGIBLE_LOBE = 1e-4
 
 
 def kernel_units() -> list[tuple[str, str]]:

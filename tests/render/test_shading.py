@@ -230,6 +230,103 @@ def test_points_close_to_a_light(method):
         assert relative_rmse(found, expected) < 0.02
 
 
+def test_tiny_blockers_before_tiny_lights_are_not_lost(method):
+    """A light of 1e-4 rad: what lies in its cone is told from what does not by more than |o|^2 - along^2."""
+    rng = np.random.default_rng(8)
+    centre, sine, n = np.array([0.9, 6.0, -1.2]), 1e-4, 60
+    balls = np.concatenate([centre / 2 + 3 * sine * rng.normal(size=(n, 3)), np.full((n, 1), 0.6 * sine)], 1)
+    at = points(0.7 * sine * rng.normal(size=(200, 3)), centre)
+    of = scene([(centre, sine * np.linalg.norm(centre), 1e6)])
+    expected = reference(of, at, blockers(*balls), 1024)
+    noise = np.sqrt(expected.variance.mean()) / expected.radiance.mean()
+    found = method.shade(of, at, blockers(*balls)).radiance
+    assert relative_rmse(found, expected.radiance) < np.hypot(0.03, noise)  # many edges, 3e-2 of a cell each
+
+
+@pytest.mark.parametrize("exponent", [1.0, 50.0])
+def test_broad_lobes_have_shadows_from_small_lights(method, exponent):
+    """A light much smaller than the lobe collects little of it, but all that there is."""
+    rng = np.random.default_rng(9)
+    centre, radius, ball = np.array([0.0, 2.0, 0.0]), 1e-3, 0.02
+    turn, shift = rng.uniform(0, 2 * np.pi, 200), rng.uniform(-1, 1, 200)
+    distance = 2 * ball + shift * radius  # around the edge of the shadow of a ball half-way up
+    place = np.stack([distance * np.cos(turn), 0 * turn, distance * np.sin(turn)], axis=1)
+    eye = np.array([-0.8, 2.0, 0.0])  # the mirror image of the light is 22 degrees off
+    at = points(place, material=1, eye=eye)
+    of = scene([(centre, radius, 1e6)], phong={"kd": 0.0, "ks": 0.5, "exponent": exponent}, eye=eye)
+    blocking = blockers([0, 1, 0, ball])
+    expected = reference(of, at, blocking, 1024)
+    noise = np.sqrt(expected.variance.mean()) / expected.radiance.mean()
+    found = method.shade(of, at, blocking).radiance
+    assert relative_rmse(found, expected.radiance) < np.hypot(0.02, noise)
+
+
+def mirrored(centre, spread, rng, n=200):
+    """Points at the origin whose normals mirror the viewer to about `centre`."""
+    axis = centre / np.linalg.norm(centre)
+    towards = axis + spread * rng.normal(size=(n, 3))
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    return points(np.zeros((n, 3)), towards + EYE / np.linalg.norm(EYE), material=1)
+
+
+@pytest.mark.parametrize("sine", [0.3, 0.9])
+def test_lobes_sharper_than_a_cell_are_mirrors(method, sine):
+    """Also where a far blocker makes a penumbra, and where the light is too wide for a plane."""
+    rng = np.random.default_rng(10)
+    centre = np.array([1.0, 2.2, 0.6])
+    distance = np.linalg.norm(centre)
+    at = mirrored(centre, sine, rng)
+    of = scene([(centre, sine * distance, 1.0)], phong={"kd": 0.0, "ks": 1.0, "exponent": 1e6})
+    axis = centre / distance
+    edge = np.cross(axis, [1.0, 0.0, 0.0])
+    ball = blockers([*(0.5 * distance * (axis + sine * edge / np.linalg.norm(edge))), 0.05 * distance])
+    normal, view = at.shading_normal, at.view
+    mirror = 2 * np.einsum("ij,ij->i", normal, view)[:, None] * normal - view
+    cosine = np.einsum("ij,ij->i", mirror, normal)
+
+    def sees(sphere, clearance):
+        """Mirror rays that meet the sphere enlarged by `clearance`; others are too close to call."""
+        along = mirror @ sphere[:3]
+        return (along > 0) & (sphere[:3] @ sphere[:3] - along**2 < (sphere[3] + clearance * distance) ** 2)
+
+    light, dark = np.array([*centre, sine * distance]), np.array([*ball.centers[0], ball.radii[0]])
+    width = 0.05  # a cell and the lobe's own width
+    lit = sees(light, -width) & ~sees(dark, width)
+    found = method.shade(of, at, ball).radiance[:, 0]
+    np.testing.assert_allclose(found[lit], cosine[lit], rtol=2e-3)
+    unlit = ~sees(light, width) | sees(dark, -width / 2)
+    np.testing.assert_allclose(found[unlit], 0, atol=2e-3)
+    assert lit.sum() > 20
+    assert unlit.sum() > 10
+
+
+def test_sharp_lobes_at_the_horizon_keep_their_integral(method):
+    """A grazing mirror image of the light, which the horizon cuts: no fireflies from single cells."""
+    axis, sine = np.array([0.6, 0.0, 0.8]), 0.3
+    rng = np.random.default_rng(11)
+    eye = np.array([0.0, 0.6, 0.0]) - 3 * axis
+    at = points(np.zeros((200, 3)), [0, 1, 0] + 0.04 * rng.normal(size=(200, 3)), material=1, eye=eye)
+    of = scene([(2 * axis, 2 * sine, 1.0)], phong={"kd": 0.0, "ks": 1.0, "exponent": 1e5}, eye=eye)
+    mirror = 2 * np.einsum("ij,ij->i", at.view, at.shading_normal)[:, None] * at.shading_normal - at.view
+    inside = mirror @ axis > np.cos(np.arcsin(sine) - 0.03)
+    found = method.shade(of, at, blockers()).radiance[inside, 0]
+    height = np.einsum("ij,ij->i", mirror, at.shading_normal)[inside]
+    above = height > 0.03
+    assert above.sum() > 20
+    assert np.max(np.abs(found[above] - height[above])) < 0.01  # a cell is 0.02 high
+
+
+@pytest.mark.parametrize("radius", [0.3, 1.0, 1.5])
+def test_inside_a_sphere_straight_below_the_light(method, radius):
+    """The half-space towards the sphere's centre holds all of the light, or nothing of it."""
+    at = points(np.zeros((8, 3)))
+    of = scene([([0, 2, 0], radius, 1.0)])
+    free = method.shade(of, at, blockers()).radiance
+    for centre, expected in (([0, 0.05, 0], 0 * free), ([0, -0.05, 0], free)):
+        found = method.shade(of, at, blockers([*centre, 0.2])).radiance
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
 def test_own_spheres_follow_the_same_rule_as_in_the_reference(method):
     """Receivers on a ball whose own sphere bulges above it, beside a foreign ball."""
     rng = np.random.default_rng(5)
