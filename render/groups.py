@@ -31,10 +31,11 @@ class Groups:
 
 
 def group(centers: NDArray, radii: NDArray, outside: NDArray, owner: NDArray, multiple: int) -> Groups:
-    """Sort spheres [n, 3] into groups of neighbours with one owner; the number of groups is a `multiple`."""
+    """Sort spheres [n, 3] into groups of neighbours from one object; the number of groups is a `multiple`."""
     leaves: list[NDArray] = []
-    for one in np.unique(owner):
-        _split(centers, np.flatnonzero(owner == one), leaves)
+    whole = np.maximum(owner, NO_OWNER)  # emitters together: each is an owner of its own
+    for one in np.unique(whole):
+        _split(centers, np.flatnonzero(whole == one), leaves)
     n_groups = -(-len(leaves) // multiple) * multiple
     spheres = np.zeros((5, n_groups * GROUP))
     spheres[3] = -1.0
