@@ -88,9 +88,10 @@ def sample_pattern(n: int) -> NDArray:
         return np.stack(np.meshgrid(centres, centres), axis=-1).reshape(-1, 2)
     index = np.arange(n)
     radical_inverse = np.zeros(n)
-    for bit in range(int(n).bit_length()):
+    for bit in range(n.bit_length()):
         radical_inverse += ((index >> bit) & 1) / 2.0 ** (bit + 1)
-    return np.stack([(index + 0.5) / n, radical_inverse + 0.5 / 2.0 ** int(n).bit_length()], axis=-1)
+    # Its ranks, not itself: their mean is the pixel's centre for every n, so that no picture is shifted.
+    return np.stack([index + 0.5, np.argsort(np.argsort(radical_inverse)) + 0.5], axis=-1) / n
 
 
 @lru_cache(maxsize=2)
