@@ -137,11 +137,13 @@ class CosineLobes:
     def _upload_points(self, gbuffer: GBuffer) -> tuple[Any, NDArray]:
         """The points relative to their middle, so that float32 serves scenes far from the origin.
 
+        It is the median: a few points near the horizon of a large plane must not move it away from the rest.
         A G-buffer that did not change stays on the device.
         """
         if self._points is not None and self._points[0] is gbuffer:
             return self._points[1], self._points[2]
-        origin = (gbuffer.position.min(axis=0) + gbuffer.position.max(axis=0)) / 2
+        every = -(-len(gbuffer.position) // 4096)  # a few thousand of them tell as much
+        origin = np.median(gbuffer.position[::every], axis=0)
         packed = np.empty(len(gbuffer.position), layout.POINT)
         packed["position"] = gbuffer.position - origin
         packed["geometric"] = gbuffer.geometric_normal

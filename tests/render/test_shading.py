@@ -373,6 +373,15 @@ def test_a_moved_scene_gives_the_same_picture(method, change):
     assert relative_rmse(found, expected) < (2e-3 if change == "rotation" else 1e-4)
 
 
+def test_a_point_at_the_horizon_changes_no_other(method):
+    """One pixel of a large plane far away must not cost all others their digits."""
+    rng = np.random.default_rng(6)
+    near, blocking = plane_grid(), random_blockers(rng)
+    expected = method.shade(scene([KEY]), points(near), blocking).radiance
+    far = points(np.concatenate([near, [[1e6, 0, -1e6]]]))
+    assert relative_rmse(method.shade(scene([KEY]), far, blocking).radiance[:-1], expected) < 1e-5
+
+
 def test_order_of_blockers_and_points_does_not_matter(method):
     rng = np.random.default_rng(7)
     at, blocking = points(plane_grid()), random_blockers(rng, 100)
