@@ -1,5 +1,6 @@
-"""`coslobe tables`: build the lobe tables and report their error."""
+"""`coslobe tables`: build the lobe tables, report their error, draw what they hold."""
 
+import time
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -7,7 +8,9 @@ import typer
 
 from coslobe.cli.common import JsonOption, command, print_json, progress, say
 
-app = typer.Typer(help="Build and check the lobe tables.", no_args_is_help=True)
+app = typer.Typer(help="Build, check and draw the lobe tables.", no_args_is_help=True)
+
+STATISTICS = ("mean", "variance", "median", "max")
 
 
 @app.command()
@@ -20,37 +23,69 @@ def build(
     json: JsonOption = False,
 ) -> None:
     """Build the tables of lobe products, lobe integrals and caps, and keep them in the cache."""
-    from coslobe.tables import store
+    from coslobe.tables import errors, store
 
+    start = time.perf_counter()
     with progress() as listener:
-        document = store.build_to(output, listener, force=force)
-    _show(document, json)
+        tables = store.cached(listener, force=force)
+    if output is not None:
+        store.save(output, tables)
+    seconds = time.perf_counter() - start
+    file = output or store.cached_path()
+    document = {"file": file, "seconds": seconds, "bytes": file.stat().st_size, **errors.report(tables)}
+    if json:
+        print_json(document)
+        return
+    say(f"{file}: {document['bytes'] / 1e6:.1f} MB, {seconds:.1f} s")
+    _show(document)
 
 
 @app.command()
 @command
 def check(json: JsonOption = False) -> None:
-    """Verify the cached tables against exact cases and measure their error."""
-    from coslobe.tables import store
+    """Verify the cached tables against exact cases and measure their error in three samplings."""
+    from coslobe.tables import errors, store
 
     with progress() as listener:
-        document = store.report(store.cached(listener))
-    _show(document, json)
-
-
-def _show(document: dict[str, Any], json: bool) -> None:
+        document = errors.full_report(store.cached(listener), listener)
     if json:
         print_json(document)
         return
-    if "file" in document:
-        say(f"{document['file']}: {document['bytes'] / 1e6:.1f} MB, {document['seconds']:.1f} s")
-    rows = {
-        "product, L2 scale": document["product_error"]["l2"],
-        "product, energy-conserving scale": document["product_error"]["energy"],
-        "integral": document["integral_error"],
-        "cap (L2 distance)": document["cap_error"],
-        "lobe over cap (relative to its peak)": document["lobe_cap_error"],
-    }
-    say(f"{'absolute error of the integral':40}{'mean':>12}{'variance':>12}{'median':>12}{'max':>12}")
-    for name, row in rows.items():
-        say(f"{name:40}" + "".join(f"{row[key]:12.2e}" for key in ("mean", "variance", "median", "max")))
+    _show(document)
+    for name, entry in document["samplings"].items():
+        _heading(f"product, {name.replace('_', ' ')}", "max at e1, e2, alpha")
+        say(f"  {entry['sampling']}")
+        for key, label in (
+            ("energy", "energy-conserving scale"),
+            ("l2", "L2 scale"),
+            ("exact_l2", "exact L2"),
+        ):
+            _row(f"  {label}", entry[key])
+    for name, entry in document["relative"].items():
+        _heading(f"relative to G, exponents {name}", "max at e1, e2, alpha")
+        for key, label in (("energy", "energy-conserving scale"), ("l2", "L2 scale")):
+            _row(f"  {label}", entry[key])
+    paper = document["paper"]
+    say(
+        f"The paper: mean {paper['mean']:.4e}, variance {paper['variance']:.4e}, median {paper['median']:g} "
+        f"({paper['note']})."
+    )
+
+
+def _show(document: dict[str, Any]) -> None:
+    _heading("absolute error of the integral")
+    _row("product, L2 scale", document["product_error"]["l2"])
+    _row("product, energy-conserving scale", document["product_error"]["energy"])
+    _row("integral", document["integral_error"])
+    _row("cap (L2 distance)", document["cap_error"])
+    _row("lobe over cap (relative to its peak)", document["lobe_cap_error"])
+
+
+def _heading(title: str, last: str = "") -> None:
+    say(f"{title:40}" + "".join(f"{key:>12}" for key in STATISTICS) + f"   {last}".rstrip())
+
+
+def _row(name: str, row: dict[str, Any]) -> None:
+    place = row.get("max_at")
+    where = f"   {place['e1']:.4g}, {place['e2']:.4g}, {place['alpha']:.4g}" if place else ""
+    say(f"{name:40}" + "".join(f"{row[key]:12.2e}" for key in STATISTICS) + where)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root_scalar
 
 SAMPLES = 1000  # as in the paper
+SMALLEST_DEPTH = 1e-30  # the reciprocal still fits a float32
 
 
 @dataclass(frozen=True)
@@ -21,13 +22,21 @@ class CapTable:
     values: NDArray
 
     def exponent(self, depth: ArrayLike) -> NDArray:
-        """e_cap of the cap of `depth` = 1 - cos alpha, in (0, 1]."""
-        depth = np.asarray(depth, np.float64)
+        """e_cap of the cap of `depth` = 1 - cos alpha.
+
+        Beyond (0, 1]: no lobe is wider than the hemisphere, which stands for every larger cap; the smallest
+        cap stands for those without extent.
+        """
+        depth = _inside_range(depth)
         return np.interp(depth, np.linspace(0, 1, SAMPLES), self.values) / depth
 
     def energy_amplitude(self, depth: ArrayLike) -> NDArray:
         """Amplitude (1 - cos alpha)(e + 1) that gives the lobe the solid angle of the cap."""
-        return np.asarray(depth, np.float64) * (self.exponent(depth) + 1)
+        return _inside_range(depth) * (self.exponent(depth) + 1)
+
+
+def _inside_range(depth: ArrayLike) -> NDArray:
+    return np.clip(np.asarray(depth, np.float64), SMALLEST_DEPTH, 1.0)
 
 
 def build() -> CapTable:

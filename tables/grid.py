@@ -1,6 +1,9 @@
-"""The sampling that the tables share: exponent axes, and linear interpolation on regular grids."""
+"""The sampling that the tables share: exponent axes, interpolation on regular grids, builds on all cores."""
 
-import itertools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,20 +26,19 @@ def exponent_nodes(n: int) -> NDArray:
     return exponent_of(np.linspace(0, exponent_coordinate(MAX_EXPONENT), n))
 
 
-def multilinear(table: NDArray, positions: tuple[NDArray, ...]) -> NDArray:
-    """Interpolate [n1, ..., nd, channels] at fractional indices (clamped to the grid): [..., channels]."""
-    lower, fraction = [], []
-    for position, n in zip(positions, table.shape, strict=False):
-        clamped = np.clip(position, 0, n - 1)
-        base = np.minimum(clamped.astype(np.int64), n - 2)
-        lower.append(base)
-        fraction.append(clamped - base)
-    result = 0.0
-    for corner in itertools.product((0, 1), repeat=len(positions)):
-        weight = np.prod([f if bit else 1 - f for f, bit in zip(fraction, corner, strict=True)], axis=0)
-        index = tuple(base + bit for base, bit in zip(lower, corner, strict=True))
-        result = result + weight[..., None] * table[index]
-    return np.asarray(result)
+class Cells(NamedTuple):
+    """Where fractional indices lie between samples: the lower index, and the weights of it and the next."""
+
+    index: NDArray
+    weight: tuple[NDArray, NDArray]
+
+
+def cells(position: NDArray, n: int) -> Cells:
+    """Cells of linear interpolation among n samples; positions outside take the nearest sample."""
+    clamped = np.clip(position, 0, n - 1)
+    index = np.minimum(clamped.astype(np.int64), n - 2)
+    fraction = clamped - index
+    return Cells(index, (1 - fraction, fraction))
 
 
 def cubic_weights(position: NDArray, n: int) -> tuple[NDArray, NDArray]:
@@ -57,3 +59,14 @@ def cubic_weights(position: NDArray, n: int) -> tuple[NDArray, NDArray]:
         axis=-1,
     )
     return base[..., None] + np.arange(4), weights
+
+
+def in_parts(function: Callable[..., NDArray], *arrays: NDArray, size: int = 2048) -> NDArray:
+    """Concatenated `function(*parts)` over parts of `arrays` along their first axis, on all cores.
+
+    NumPy runs outside the interpreter's lock; parts bound the memory, and their size fixes every bit of the
+    result whatever the number of cores.
+    """
+    parts = [[array[k : k + size] for array in arrays] for k in range(0, len(arrays[0]), size)]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return np.concatenate(list(pool.map(lambda part: function(*part), parts)))

@@ -62,6 +62,11 @@ def _without_traces(e: ArrayLike) -> NDArray:
     return np.where(e < 1e-14, 0.0, e)
 
 
+def _opening(alpha: NDArray) -> NDArray:
+    """Width pi - alpha of the lune that both hemispheres share, with the digits of pi that float64 lacks."""
+    return np.where(alpha < np.pi, np.pi - alpha + 1.2246467991473532e-16, 0.0)
+
+
 def log_product_integral(e1: ArrayLike, e2: ArrayLike, alpha: ArrayLike) -> NDArray:
     """log of G(e1, e2, alpha), the integral of the product of two lobes; -inf at alpha = pi.
 
@@ -183,9 +188,10 @@ def _log_integrand(e1: NDArray, e2: NDArray, from_end: NDArray, from_start: NDAr
 def _quadrature(e1: NDArray, e2: NDArray, alpha: NDArray) -> _Nodes:
     e1, e2 = _without_traces(e1), _without_traces(e2)
     t = peak_angle(e1, e2, alpha)
-    # Distances from the peak to both ends of the common hemisphere; phi is never formed, so that nothing
-    # cancels near the ends.
-    to_end, to_start = np.maximum(np.pi / 2 - t, 0), np.maximum(np.pi / 2 - (alpha - t), 0)
+    # Distances from the peak to both ends of the lune, pi/2 - t and pi/2 - (alpha - t). They obey the peak's
+    # equation with the exponents exchanged; phi is never formed, so that nothing cancels near the ends.
+    opening = _opening(alpha)
+    to_end, to_start = peak_angle(e2, e1, opening), peak_angle(e1, e2, opening)
     log_peak = _log_integrand(e1, e2, to_end, to_start)
 
     def drop(d: NDArray, sign: int) -> NDArray:

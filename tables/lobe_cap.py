@@ -15,7 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from coslobe.tables.grid import MAX_EXPONENT, cubic_weights, exponent_coordinate, exponent_nodes
+from coslobe.tables.grid import (
+    MAX_EXPONENT,
+    cubic_weights,
+    exponent_coordinate,
+    exponent_nodes,
+    in_parts,
+)
 from coslobe.tables.quadrature import double_exponential
 
 EXPONENTS = 36
@@ -154,7 +160,11 @@ class LobeCapTable:
         return np.asarray(taps, np.float32)
 
     def lookup(self, exponent: ArrayLike, theta: ArrayLike, alpha: ArrayLike) -> Moments:
-        """Interpolate at broadcast arguments; see `slice` and `lookup_slice`."""
+        """Interpolate at broadcast arguments; see `slice` and `lookup_slice`.
+
+        Beyond the range: exponents above MAX_EXPONENT keep the last residuals at the same cap and angle in
+        lobe widths; caps above LARGEST_CAP, up to a hemisphere, are integrated exactly.
+        """
         arrays = (np.asarray(x, np.float64) for x in (exponent, theta, alpha))
         e, theta, alpha = np.broadcast_arrays(*arrays)
         distinct, index = np.unique(e, return_inverse=True)
@@ -166,6 +176,10 @@ class LobeCapTable:
             moments = lookup_slice(slices, which, e[chosen], theta[chosen], alpha[chosen])
             for part, moment in zip(parts, moments, strict=True):
                 part[chosen] = moment
+        wide = alpha > LARGEST_CAP
+        if wide.any():
+            for part, moment in zip(parts, exact(e[wide], theta[wide], alpha[wide]), strict=True):
+                part[wide] = moment
         return Moments(*parts)
 
 
@@ -196,11 +210,16 @@ def lookup_slice(
 
 
 def build() -> LobeCapTable:
-    """Sample the exact moments; about 100,000 quadratures."""
-    e = exponent_nodes(EXPONENTS)[:, None, None]
+    """Sample the exact moments; about 125,000 nodes."""
+    e = np.repeat(exponent_nodes(EXPONENTS), CAPS)
     # Low exponents reach the largest cap before the last node; what lies beyond is never read.
-    alpha = SMALLEST_CAP * width(e) * np.exp(np.arange(CAPS)[:, None] / CAPS_PER_LOG)
-    alpha = np.minimum(alpha, np.pi / 2)
+    alpha = SMALLEST_CAP * width(e) * np.tile(np.exp(np.arange(CAPS) / CAPS_PER_LOG), EXPONENTS)
+    values = in_parts(_samples, e[:, None], np.minimum(alpha, np.pi / 2)[:, None], size=CAPS)
+    return LobeCapTable(values.reshape(EXPONENTS, CAPS, ANGLES, 4))
+
+
+def _samples(e: NDArray, alpha: NDArray) -> NDArray:
+    """Samples over the angle, float32 [n, ANGLES, 4], for exponents and caps [n, 1]."""
     first, last = angle_range(e, alpha)
     u = np.linspace(0, 1, ANGLES)
     du = 1e-4 / (ANGLES - 1)
@@ -209,11 +228,8 @@ def build() -> LobeCapTable:
         t = exact(e, first + position * (last - first), alpha).integral
         return np.log(np.maximum(t, 1e-300) / scale(e, alpha))
 
-    values = np.empty((EXPONENTS, CAPS, ANGLES, 4), np.float32)
     before, after = np.maximum(u - du, 0), np.minimum(u + du, 1)
     moments = exact(e, first + u * (last - first), alpha)
-    values[..., 0] = np.log(np.maximum(moments.integral, 1e-300) / scale(e, alpha))
-    values[..., 1] = (log_t(after) - log_t(before)) / ((after - before) * (ANGLES - 1))
-    values[..., 2] = moments.along_lobe
-    values[..., 3] = moments.towards_cap
-    return LobeCapTable(values)
+    logs = np.log(np.maximum(moments.integral, 1e-300) / scale(e, alpha))
+    slope = (log_t(after) - log_t(before)) / ((after - before) * (ANGLES - 1))
+    return np.stack([logs, slope, moments.along_lobe, moments.towards_cap], axis=-1).astype(np.float32)

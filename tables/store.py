@@ -1,11 +1,9 @@
-"""All tables together: build, verify against exact cases, keep in one file, report their error."""
+"""All tables together: build, verify against exact cases, keep in one file."""
 
 import hashlib
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +12,7 @@ from coslobe.core import cache
 from coslobe.core.errors import CoslobeError, InvalidInput
 from coslobe.core.files import atomic_path
 from coslobe.core.progress import SILENT, Progress
-from coslobe.tables import cap, integral, lobe, lobe_cap, product
+from coslobe.tables import cap, grid, integral, lobe, lobe_cap, product, quadrature
 from coslobe.tables.grid import exponent_nodes
 
 FORMAT = "coslobe-tables/1"
@@ -58,28 +56,37 @@ def verify(tables: LobeTables) -> None:
 def _exact_cases(tables: LobeTables) -> Iterator[tuple[str, bool]]:
     for name, array in _arrays(tables).items():
         yield f"{name} is finite", bool(np.isfinite(array).all())
-    e = exponent_nodes(product.EXPONENTS)
-    e1, e2 = e[:, None], e[None, :]
-    same = tables.product.lookup(e1, e2, np.zeros((len(e), len(e))))
+    e1, e2, alpha, nodes = tables.product.at_nodes()
+    larger, total = np.maximum(e1, e2), e1 + e2
     yield (
         "the product of coaxial lobes has exponent e1 + e2",
-        np.allclose(same.exponent, e1 + e2, atol=1e-4, rtol=1e-4),
+        np.allclose(nodes.exponent[:, :1], total, atol=1e-4, rtol=1e-4),
     )
     yield (
         "a coaxial product integrates to 2 pi / (e1 + e2 + 1)",
-        np.allclose(same.integral, 2 * np.pi / (e1 + e2 + 1), rtol=1e-5),
+        np.allclose(nodes.integral[:, :1], lobe.integral(total), rtol=1e-5),
     )
-    # The test is at the nodes: between them interpolation may ripple by as much as its error.
-    alpha = np.linspace(0, 1, product.ANGLES)[:, None, None] * product.largest_angle(e1, e2)
-    integrals = tables.product.lookup(e1, e2, alpha).integral
-    falling = np.diff(integrals, axis=0) <= 1e-5 * integrals[:1]
+    yield (
+        "a product's exponent is at least that of either lobe",
+        bool((nodes.exponent >= larger - 1e-5 * np.maximum(larger, 1)).all()),
+    )
+    # Samples only: between them interpolation may ripple by as much as its error.
+    falling = np.diff(nodes.integral, axis=1) <= 1e-5 * nodes.integral[:, :1]
     yield "a product's integral falls with the angle", bool(falling.all())
+    here, there = (slice(None, None, 7), slice(None, None, 5))
+    one = tables.product.lookup(e1[here], e2[here], alpha[here, there])
+    two = tables.product.lookup(e2[here], e1[here], alpha[here, there])
+    same = np.allclose(one.axis_angle + two.axis_angle, alpha[here, there], atol=1e-9) and all(
+        np.allclose(a, b, rtol=1e-9) for a, b in zip(one[1:], two[1:], strict=True)
+    )
+    yield "a product does not depend on the order of its lobes", same
     yield (
         "a lobe integrates to 2 pi / (e + 1)",
         np.allclose(tables.integral.values, lobe.integral(tables.integral.exponents), rtol=1e-9),
     )
     yield "a small cap's exponent times its depth is 0.9613", bool(abs(tables.cap.values[0] - 0.9613) < 1e-4)
     yield "a hemisphere is the lobe of exponent 0", bool(tables.cap.values[-1] == 0)
+    e = exponent_nodes(lobe_cap.EXPONENTS)
     depth = 1 - np.cos(1.0)
     inside = 2 * np.pi * -np.expm1((e + 1) * np.log1p(-depth)) / (e + 1)
     coaxial = tables.lobe_cap.lookup(e, np.zeros_like(e), np.ones_like(e)).integral
@@ -150,7 +157,7 @@ def _checksum(arrays: dict[str, NDArray]) -> str:
 
 def cached_path() -> Path:
     """Where the cache keeps the tables: named by the source that builds them, so that they never go stale."""
-    modules = (product, integral, cap, lobe_cap, lobe)
+    modules = (product, integral, cap, lobe_cap, lobe, grid, quadrature)
     sources = [Path(str(module.__file__)).read_text() for module in modules]
     return cache.entry("tables", cache.digest(FORMAT, sources), ".npz")
 
@@ -168,64 +175,3 @@ def cached(progress: Progress = SILENT, *, force: bool = False) -> LobeTables:
     tables = build(progress)
     save(path, tables)
     return tables
-
-
-def report(tables: LobeTables) -> dict[str, Any]:
-    """Errors of the integrals in the sampling of the contract: 1e5 triples, seed 0.
-
-    Both exponents are log-uniform in [1, 1e5], the angle uniform in
-    [0, min(pi, 6 sqrt(1 / (e1 + 1) + 1 / (e2 + 1)))].
-    """
-    rng = np.random.default_rng(0)
-    n = 100_000
-    e1, e2 = 10 ** rng.uniform(0, 5, n), 10 ** rng.uniform(0, 5, n)
-    alpha = rng.uniform(0, 1, n) * np.minimum(np.pi, 6 * np.sqrt(1 / (e1 + 1) + 1 / (e2 + 1)))
-    exact = lobe.product_integral(e1, e2, alpha)
-    found = tables.product.lookup(e1, e2, alpha)
-    depth = rng.uniform(0, 1, n)
-    solved = np.array([cap.best_exponent(d) for d in depth[:2000]])
-    return {
-        "product_error": {
-            "l2": _statistics(found.scale_l2 * lobe.integral(found.exponent) - exact),
-            "energy": _statistics(found.scale_energy * lobe.integral(found.exponent) - exact),
-        },
-        "integral_error": _statistics(tables.integral.lookup(e1) - lobe.integral(e1)),
-        "cap_error": _statistics(
-            cap.l2_distance(depth[:2000], tables.cap.exponent(depth[:2000]))
-            - cap.l2_distance(depth[:2000], solved)
-        ),
-        "lobe_cap_error": _lobe_cap_error(tables, rng),
-    }
-
-
-def _lobe_cap_error(tables: LobeTables, rng: np.random.Generator) -> dict[str, float]:
-    """|table - exact| of T relative to its largest value over the angle, where the cap meets the lobe."""
-    n = 4000
-    e = 10 ** rng.uniform(0, 5, n)
-    alpha = 10 ** rng.uniform(-4, np.log10(1.15), n)
-    first, last = lobe_cap.angle_range(e, alpha)
-    theta = first + rng.uniform(0, 1, n) * (last - first)
-    peak = lobe_cap.exact(e, np.zeros(n), alpha).integral
-    exact = lobe_cap.exact(e, theta, alpha).integral
-    return _statistics((tables.lobe_cap.lookup(e, theta, alpha).integral - exact) / peak)
-
-
-def _statistics(error: NDArray) -> dict[str, float]:
-    size = np.abs(error)
-    return {
-        "mean": float(size.mean()),
-        "variance": float(size.var()),
-        "median": float(np.median(size)),
-        "max": float(size.max()),
-    }
-
-
-def build_to(path: Path | None, progress: Progress = SILENT, *, force: bool = False) -> dict[str, Any]:
-    """`coslobe tables build`: the contract's JSON document; `path` None keeps them in the cache alone."""
-    start = time.perf_counter()
-    tables = cached(progress, force=force)
-    target = path or cached_path()
-    if path is not None:
-        save(path, tables)
-    seconds = time.perf_counter() - start
-    return {"file": target, "seconds": seconds, "bytes": target.stat().st_size, **report(tables)}

@@ -1,11 +1,13 @@
 """The tables: interpolation error, exact cases, files that refuse to be wrong."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
 from coslobe.core.errors import CoslobeError, InvalidInput
-from coslobe.tables import cap, integral, lobe, lobe_cap, product, store
+from coslobe.tables import cap, errors, integral, lobe, lobe_cap, product, store
 
 
 @pytest.fixture(scope="module")
@@ -14,14 +16,26 @@ def tables():
 
 
 def test_products_in_the_stated_sampling(tables):
-    report = store.report(tables)
+    report = errors.report(tables)
     energy, l2 = report["product_error"]["energy"], report["product_error"]["l2"]
     assert energy["mean"] <= 1e-5
     assert energy["variance"] <= 1e-9
-    assert l2["mean"] <= 1e-4  # the exact L2 fit's own mean error is 5e-5 in this sampling
     assert report["integral_error"]["mean"] <= 1e-4
     assert report["cap_error"]["max"] <= 1e-6
     assert report["lobe_cap_error"]["mean"] <= 1e-4
+
+
+def test_relative_error_and_shape_of_products(tables):
+    """p99 of the relative error, and the L2 scale against what the exact L2 fit itself misses."""
+    e1, e2, alpha = errors.contract_triples(np.random.default_rng(0), 20_000)
+    exact = lobe.product_integral(e1, e2, alpha)
+    found, fit = tables.product.lookup(e1, e2, alpha), lobe.product_l2(e1, e2, alpha)
+    large = exact > 1e-8
+    assert np.quantile(np.abs(found.integral - exact)[large] / exact[large], 0.99) <= 1e-3
+    own = np.mean(np.abs(fit.scale * lobe.integral(fit.exponent) - exact))
+    assert np.mean(np.abs(found.scale_l2 * lobe.integral(found.exponent) - exact)) == pytest.approx(
+        own, rel=0.05
+    )
 
 
 def test_products_of_low_exponents_near_right_angles(tables):
@@ -39,6 +53,40 @@ def test_products_beyond_the_range(tables):
     assert tables.product.lookup(0.0, 0.0, np.pi).integral == 0
     sharp = tables.product.lookup(1e6, 10.0, 0.0005)
     assert float(sharp.integral) == pytest.approx(float(lobe.product_integral(1e6, 10.0, 0.0005)), rel=1e-2)
+
+
+def test_angles_beyond_the_last_sample_are_negligible():
+    """Below 1e-20 of the coaxial product, so that 0 is the right answer."""
+    e1, e2 = np.meshgrid(np.geomspace(30, 1e5, 30), np.geomspace(30, 1e5, 30))
+    last = product.largest_angle(e1, e2)
+    assert (last < np.pi).any()
+    ratio = lobe.log_product_integral(e1, e2, last) - np.log(lobe.integral(e1 + e2))
+    assert ratio[last < np.pi].max() < np.log(1e-20)
+
+
+def test_exponents_beyond_the_range(tables):
+    """Lobes are self-similar there: last residuals with their own closed forms stay within 2 %."""
+    e1, e2 = np.meshgrid([2e5, 1e6], [0.5, 30.0, 1e4, 1e6])
+    for widths in (0.0, 1.0, 3.0):
+        alpha = widths * np.sqrt(1 / (e1 + 1) + 1 / (e2 + 1))
+        found = tables.product.lookup(e1, e2, alpha)
+        np.testing.assert_allclose(found.integral, lobe.product_integral(e1, e2, alpha), rtol=0.02)
+    alpha, theta = np.meshgrid([1e-4, 0.01, 0.5, 1.1], [0.0, 2e-3])
+    moments, exact = tables.lobe_cap.lookup(1e6, theta, alpha), lobe_cap.exact(1e6, theta, alpha)
+    peak = lobe_cap.exact(1e6, 0.0, alpha).integral
+    np.testing.assert_allclose(moments.integral / peak, exact.integral / peak, atol=5e-3)
+
+
+def test_caps_beyond_the_range(tables):
+    wide = tables.lobe_cap.lookup(5.0, 0.3, np.array([1.21, np.pi / 2]))
+    np.testing.assert_array_equal(
+        wide.integral, lobe_cap.exact(5.0, 0.3, np.array([1.21, np.pi / 2])).integral
+    )
+    assert tables.cap.exponent(1.5) == tables.cap.exponent(1.0) == 0
+    assert tables.cap.energy_amplitude(2.0) == 1
+    none = tables.cap.exponent(np.array([0.0, -1.0]))
+    assert np.all(np.isfinite(none))
+    assert np.all(none == tables.cap.exponent(cap.SMALLEST_DEPTH))
 
 
 def test_integral_table_follows_the_paper(tables):
@@ -158,9 +206,52 @@ def test_a_damaged_cache_is_rebuilt_with_a_line(tables, monkeypatch):
     assert store.load(store.cached_path()).cap.values[-1] == 0
 
 
-def test_wrong_tables_are_refused(tables):
-    wrong = tables.product.values.copy()
-    wrong[:, :, 2] += 0.1
-    spoilt = store.LobeTables(product.ProductTable(wrong), tables.integral, tables.cap, tables.lobe_cap)
-    with pytest.raises(CoslobeError, match="coaxial product"):
-        store.verify(spoilt)
+def _scaled(array, factor, index=...):
+    """A copy with one part multiplied."""
+    copy = array.copy()
+    copy[index] *= factor
+    return copy
+
+
+def _shifted(tables, channel, shift):
+    values = tables.product.values.copy()
+    values[..., channel] += shift
+    return replace(tables, product=product.ProductTable(values))
+
+
+WRONG = {
+    "coaxial product integrates": lambda t: _shifted(t, 2, np.float32(0.1)),
+    "coaxial lobes has exponent": lambda t: _shifted(t, 0, np.float32(0.1)),
+    "at least that of either lobe": lambda t: _shifted(t, 0, np.where(np.arange(product.ANGLES) > 40, -3, 0)),
+    "falls with the angle": lambda t: _shifted(t, 2, np.where(np.arange(product.ANGLES) == 3, 1, 0)),
+    "product is finite": lambda t: _shifted(t, 1, np.float32(np.nan)),
+    "a lobe integrates": lambda t: replace(
+        t, integral=integral.IntegralTable(t.integral.exponents, _scaled(t.integral.values, 1.001))
+    ),
+    "small cap": lambda t: replace(t, cap=cap.CapTable(_scaled(t.cap.values, 1.01, 0))),
+    "hemisphere": lambda t: replace(t, cap=cap.CapTable(t.cap.values + 1e-6 * (t.cap.values == 0))),
+    "coaxial cap": lambda t: replace(t, lobe_cap=lobe_cap.LobeCapTable(t.lobe_cap.values + np.float32(0.1))),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_tables_that_violate_an_exact_case_are_refused(tables, tmp_path, monkeypatch, case):
+    """Neither built nor loaded; the message names the case."""
+    spoilt = WRONG[case](tables)
+    store.save(tmp_path / "spoilt.npz", spoilt)
+    with pytest.raises(CoslobeError, match=case):
+        store.load(tmp_path / "spoilt.npz")
+    for name in ("product", "integral", "cap", "lobe_cap"):
+        monkeypatch.setattr(getattr(store, name), "build", lambda name=name: getattr(spoilt, name))
+    with pytest.raises(CoslobeError, match=case):
+        store.build()
+
+
+def test_tables_that_tell_lobes_apart_are_refused(tables, monkeypatch):
+    class Lopsided(product.ProductTable):
+        def lookup(self, e1, e2, alpha):
+            found = super().lookup(e1, e2, alpha)
+            return found._replace(scale_l2=found.scale_l2 * (1 + 0.01 * (np.asarray(e1) > e2)))
+
+    with pytest.raises(CoslobeError, match="order of its lobes"):
+        store.verify(replace(tables, product=Lopsided(tables.product.values)))
