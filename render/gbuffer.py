@@ -225,10 +225,12 @@ class RayCaster:
 
     def nearest(self, origin: NDArray, direction: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
         """Distance (inf: no hit), triangle and barycentric u, v of rays from `origin` [3] along [n, 3]."""
+        origin = (origin - self._centre) * self._scale
+        start = np.maximum(-(direction @ origin) - 1, 0)  # the mesh begins there; a far origin has no digits
         rays = np.empty((len(direction), 6), np.float32)
-        rays[:, :3] = (origin - self._centre) * self._scale
+        rays[:, :3] = origin + start[:, None] * direction
         rays[:, 3:] = direction
         answer = self._scene.cast_rays(self._tensor(rays))
-        t = answer["t_hit"].numpy().astype(np.float64) / self._scale
+        t = (answer["t_hit"].numpy() + start) / self._scale
         uv = answer["primitive_uvs"].numpy().astype(np.float64)
         return t, answer["primitive_ids"].numpy(), uv[:, 0], uv[:, 1]
