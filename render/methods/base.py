@@ -21,7 +21,7 @@ class Shading:
     kernel_seconds : float
         All kernels, by profiling events, without transfers.
     build_seconds : float
-        Time spent on building programs for this frame; 0 where they were ready.
+        Time spent on programs and tables for this frame; next to 0 where they were ready.
     skipped : dict
         What was not computed because the scene did not need it, by name.
     """

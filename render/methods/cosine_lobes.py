@@ -94,6 +94,7 @@ class CosineLobes:
         mask = scene.shading.mask
         defines = kernel_defines(device.info.vector_width, mask.depth, mask.mode, glossy=glossy)
         kernel = self._kernel(defines)
+        slices = self._slice_buffer(exponents)  # builds the tables where they are not cached
         build_seconds = time.perf_counter() - start
 
         points, origin = self._upload_points(gbuffer)
@@ -112,7 +113,7 @@ class CosineLobes:
             np.int32(n),
             *(np.float32(v) for v in eye),
             device.upload(materials),
-            self._slice_buffer(exponents),
+            slices,
             device.upload(lights),
             np.int32(len(lights)),
             *spheres,
