@@ -142,6 +142,7 @@ class _Renderer:
         """Load, fit and build what `frame` has in common with later frames; it does not count as its time."""
         scene = self._scene_file.at(frame)
         self._method = create_method(scene.shading.method, self._device, progress)
+        self._method.prepare(scene)
         world_blockers(scene, self._assets)
         for obj in scene.objects.values():
             if obj.mesh is not None and obj.visible:

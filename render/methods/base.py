@@ -21,7 +21,7 @@ class Shading:
     kernel_seconds : float
         All kernels, by profiling events, without transfers.
     build_seconds : float
-        Time spent on programs and tables for this frame; next to 0 where they were ready.
+        Time spent on building programs for this frame; 0 where they were ready.
     skipped : dict
         What was not computed because the scene did not need it, by name.
     """
@@ -34,6 +34,10 @@ class Shading:
 
 class Method(Protocol):
     """A lighting method; it keeps what does not change between frames."""
+
+    def prepare(self, scene: Scene) -> None:
+        """Get what no frame changes, such as tables, so that it does not count as the first frame's time."""
+        ...
 
     def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
         """Light the points of `gbuffer`."""

@@ -82,6 +82,11 @@ class CosineLobes:
         self._points: tuple[GBuffer, Any, NDArray] | None = None
         self._kernels: dict[tuple[tuple[str, Any], ...], Any] = {}
 
+    def prepare(self, scene: Scene) -> None:
+        """Load the lobe tables, building them on first use; a scene without lobes needs none."""
+        _, exponents = pack_materials(list(scene.materials.values()))
+        self._slice_buffer(exponents)
+
     def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
         """Direct light at every point, from every light, through every blocker."""
         n = len(gbuffer.position)
@@ -94,7 +99,6 @@ class CosineLobes:
         mask = scene.shading.mask
         defines = kernel_defines(device.info.vector_width, mask.depth, mask.mode, glossy=glossy)
         kernel = self._kernel(defines)
-        slices = self._slice_buffer(exponents)  # builds the tables where they are not cached
         build_seconds = time.perf_counter() - start
 
         points, origin = self._upload_points(gbuffer)
@@ -113,7 +117,7 @@ class CosineLobes:
             np.int32(n),
             *(np.float32(v) for v in eye),
             device.upload(materials),
-            slices,
+            self._slice_buffer(exponents),
             device.upload(lights),
             np.int32(len(lights)),
             *spheres,

@@ -38,6 +38,9 @@ class Spy:
         self.made += 1
         return self
 
+    def prepare(self, scene):
+        pass
+
     def shade(self, scene, gbuffer, blockers):
         self.gbuffers.append(gbuffer)
         self.blockers.append(blockers)
