@@ -61,6 +61,11 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
             if os.environ.get("COSLOBE_DEBUG"):
                 raise
             fail(*_missing_library(error), 1)
+        except OSError as error:  # what no room foresaw, such as a full disk behind stdout
+            if os.environ.get("COSLOBE_DEBUG"):
+                raise
+            name = f"{error.filename}: " if error.filename else ""
+            fail(f"{name}{error.strerror or error}", "check free space and permissions", 1)
         except KeyboardInterrupt:
             fail("interrupted; finished files are kept", None, INTERRUPTED)
         except Terminated:

@@ -10,6 +10,7 @@ from coslobe.cli.common import JsonOption, command, print_json, progress, say
 
 app = typer.Typer(help="Build, check and draw the lobe tables.", no_args_is_help=True)
 
+SCALES = (("energy", "energy-conserving scale"), ("l2", "L2 scale"))
 STATISTICS = ("mean", "variance", "median", "max")
 
 
@@ -55,15 +56,12 @@ def check(json: JsonOption = False) -> None:
     for name, entry in document["samplings"].items():
         _heading(f"product, {name.replace('_', ' ')}", "max at e1, e2, alpha")
         say(f"  {entry['sampling']}")
-        for key, label in (
-            ("energy", "energy-conserving scale"),
-            ("l2", "L2 scale"),
-            ("exact_l2", "exact L2"),
-        ):
+        for key, label in (*SCALES, ("exact_l2", "exact L2 fit")):
             _row(f"  {label}", entry[key])
     for name, entry in document["relative"].items():
         _heading(f"relative to G, exponents {name}", "max at e1, e2, alpha")
-        for key, label in (("energy", "energy-conserving scale"), ("l2", "L2 scale")):
+        say(f"  {entry['share']:.0%} of the products are above 1e-20 of their peak and counted")
+        for key, label in SCALES:
             _row(f"  {label}", entry[key])
     paper = document["paper"]
     say(
