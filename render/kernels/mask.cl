@@ -97,20 +97,24 @@ inline void splat_horizon(ru *mask, float h, float3 n)
 }
 
 /* Mark those cells of `candidates` where the ray enters a sphere before the light: for blockers that reach into the
-   range of depths that the light's surface spans. (centre distance d to the light, its tangent length squared.) */
-inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, float oy, float oz, float tau,
-                             float d, float light_tau)
+   range of depths that the light's surface spans. o and rho2 as in splat_sphere, d the distance of the light's centre,
+   light_rho2 the square of its radius. Half a chord is the root of rho^2 - |o x p|^2 / |p|^2: the textbook
+   (o.p)^2 / |p|^2 - tau has no digits left for a small sphere far away. */
+inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, float oy, float oz, float rho2,
+                             float d, float light_rho2)
 {
     for (int k = 0; k < NR; k++) {
         const rf y = row_centres(k) * h;
+        const rf cx = oy - oz * y;
         for (int c = 0; c < ROWS; c++) {
             const float x = ((c + 0.5f) * (2.0f / ROWS) - 1.0f) * h;
-            const rf inverse = rsqrt(x * x + y * y + 1.0f);
-            const rf along = (ox * x + oy * y + oz) * inverse;
-            const rf entry = along - sqrt(fmax(along * along - tau, 0.0f));
-            const rf light_along = d * inverse;
-            const rf light_entry = light_along - sqrt(fmax(light_along * light_along - light_tau, 0.0f));
-            mask[k] |= candidates[k] & AS_RU(entry < light_entry) & (1u << c);
+            const rf cz = ox * y - oy * x;
+            const float cy = oz * x - ox;
+            const rf inverse = rsqrt(x * x + y * y + 1.0f), inverse2 = inverse * inverse;
+            const rf chord = sqrt(fmax(rho2 - (cx * cx + cz * cz + cy * cy) * inverse2, 0.0f));
+            const rf light_chord = sqrt(fmax(light_rho2 - d * d * (x * x + y * y) * inverse2, 0.0f));
+            const rf farther = (ox * x + oy * y + oz - d) * inverse; /* the middle of one chord than of the other */
+            mask[k] |= candidates[k] & AS_RU(farther < chord - light_chord) & (1u << c);
         }
     }
 }

@@ -122,7 +122,8 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
                         for (int k = 0; k < NR; k++)
                             touched[k] = 0;
                         splat_sphere(touched, h, fx[l], fy[l], fz[l], ft[l], fr[l]);
-                        splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], ft[l], cap->d, cap->tau);
+                        splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], fr[l], cap->d,
+                                         cap->sine * cap->sine * cap->d * cap->d);
                     }
                 }
             }

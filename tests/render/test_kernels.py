@@ -36,9 +36,9 @@ __kernel void near_light_many(__global const float *spheres, __global const floa
     ru all[NR], m[NR];
     for (int k = 0; k < NR; k++) { all[k] = 0; m[k] = 0; }
     const float ox = spheres[4 * i], oy = spheres[4 * i + 1], oz = spheres[4 * i + 2], r = spheres[4 * i + 3];
-    const float d2 = ox * ox + oy * oy + oz * oz, tau = fmax(d2 - r * r, 0.0f);
-    splat_sphere(all, h[i], ox, oy, oz, tau, fmin(r * r, d2));
-    splat_near_light(m, all, h[i], ox, oy, oz, tau, light[2 * i], light[2 * i + 1]);
+    const float d2 = ox * ox + oy * oy + oz * oz, rho2 = fmin(r * r, d2);
+    splat_sphere(all, h[i], ox, oy, oz, fmax(d2 - r * r, 0.0f), rho2);
+    splat_near_light(m, all, h[i], ox, oy, oz, rho2, light[2 * i], light[2 * i + 1]);
     for (int k = 0; k < NR; k++) RU_STORE(m[k], i * NR + k, bits);
 }
 __kernel void moments_many(__global const uint *bits, __global const float *h, __global float *out)
@@ -220,7 +220,7 @@ def test_blockers_that_reach_into_the_light(device):
     centre = rng.normal(size=(n, 3)) * 0.4 + [0, 0, 1.9]
     r = rng.uniform(0.05, 0.6, n)
     spheres = np.concatenate([centre, r[:, None]], axis=1).astype(np.float32).astype(float)
-    light = np.tile([d, d * d - radius**2], (n, 1))
+    light = np.tile([d, radius**2], (n, 1))
     found = mask.unpack(
         run(device, program(device).near_light_many, [spheres, h, light], (n, 32), np.uint32), 32
     )

@@ -243,6 +243,22 @@ def test_tiny_blockers_before_tiny_lights_are_not_lost(method):
     assert relative_rmse(found, expected.radiance) < np.hypot(0.03, noise)  # many edges, 3e-2 of a cell each
 
 
+@pytest.mark.parametrize("radius", [1e-3, 0.3])
+def test_blockers_at_the_depth_of_the_light(method, radius):
+    """Cell by cell, what is entered first blocks; small spheres far away must not lose it in rounding."""
+    rng = np.random.default_rng(12)
+    centre, n = np.array([0.9, 2.0, -1.2]), 12
+    place = rng.normal(size=(n, 3))
+    place *= rng.uniform(0.5, 1.3, (n, 1)) * radius / np.linalg.norm(place, axis=1, keepdims=True)
+    balls = np.concatenate([centre + place, radius * rng.uniform(0.2, 0.7, (n, 1))], axis=1)
+    at = points(rng.uniform(-0.5, 0.5, (150, 3)), centre)
+    of = scene([(centre, radius, 1 / radius**2)])
+    expected = reference(of, at, blockers(*balls), 2048)
+    noise = np.sqrt(expected.variance.mean()) / expected.radiance.mean()
+    found = method.shade(of, at, blockers(*balls)).radiance
+    assert relative_rmse(found, expected.radiance) < np.hypot(0.012, noise)
+
+
 @pytest.mark.parametrize("exponent", [1.0, 50.0])
 def test_broad_lobes_have_shadows_from_small_lights(method, exponent):
     """A light much smaller than the lobe collects little of it, but all that there is."""
