@@ -81,7 +81,8 @@ inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, floa
     const float4 far = w.x * p[1] + w.y * p[ANGLES + 1] + w.z * p[2 * ANGLES + 1] + w.w * p[3 * ANGLES + 1];
     const float log_t = g * g * ((1.0f + 2.0f * f) * near.x + f * near.y) + f * f * ((3.0f - 2.0f * f) * far.x - g * far.y);
     const float cap = 2.0f * M_PI_F * depth, whole = 2.0f * M_PI_F / (e + 1.0f);
-    const float integral = exp(log_t) * cap * whole / (cap + whole);
+    /* Below e = 1 the samples overshoot where the lobe's hemisphere ends within a small cap; no lobe exceeds the cap. */
+    const float integral = fmin(exp(log_t) * whole / (cap + whole), 1.0f) * cap;
     const float along = g * near.z + f * far.z, towards = g * near.w + f * far.w;
     const float cosine = 1.0f - 0.5f * chord2;
     return integral * fmax(along * dot(n, r) + towards * (dot(n, a) - cosine * dot(n, r)), 0.0f);

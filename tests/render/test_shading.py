@@ -277,6 +277,17 @@ def test_broad_lobes_have_shadows_from_small_lights(method, exponent):
     assert relative_rmse(found, expected.radiance) < np.hypot(0.02, noise)
 
 
+@pytest.mark.parametrize("exponent", [0.0, 0.1])
+def test_a_lobe_gives_no_more_than_its_amplitude_over_the_light(method, exponent):
+    """Where the hemisphere of a very broad lobe ends within a small light."""
+    angle = np.pi / 2 + np.linspace(-0.04, 0.04, 200)  # between the mirror direction and the light
+    mirror = np.stack([np.sin(angle), np.cos(angle), 0 * angle], axis=1)
+    at = points(np.zeros((200, 3)), mirror + EYE / np.linalg.norm(EYE), material=1)
+    phong = {"kd": 0.0, "ks": 1.0, "exponent": exponent}
+    found = method.shade(scene([([0, 3, 0], 0.03, 1.0)], phong=phong), at, blockers()).radiance
+    assert found.max() <= (exponent + 2) / 2 * 0.01**2 * 1.001
+
+
 def mirrored(centre, spread, rng, n=200):
     """Points at the origin whose normals mirror the viewer to about `centre`."""
     axis = centre / np.linalg.norm(centre)
