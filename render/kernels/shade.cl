@@ -132,10 +132,10 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
     return state;
 }
 
-/* Sums over the cells of the light's disk: solid angle (x), with the cosine over all (y) and lit cells (z). */
-inline float3 diffuse_cells(const ru *lit, __constant uint *disk, float h, float3 n)
+/* Sums of solid angle times cosine over the cells of the light's disk, over all (x) and over lit ones (y). */
+inline float2 diffuse_cells(const ru *lit, __constant uint *disk, float h, float3 n)
 {
-    rf solid = 0.0f, all = 0.0f, some = 0.0f;
+    rf all = 0.0f, some = 0.0f;
     for (int k = 0; k < NR; k++) {
         const rf y = row_centres(k) * h;
         const ru inside = RU_LOAD(k, disk);
@@ -144,12 +144,11 @@ inline float3 diffuse_cells(const ru *lit, __constant uint *disk, float h, float
             const rf inverse = rsqrt(x * x + y * y + 1.0f);
             const rf omega = select((rf)(0.0f), inverse * inverse * inverse, AS_RI(inside << (31 - c)));
             const rf value = omega * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
-            solid += omega;
             all += value;
             some += select((rf)(0.0f), value, AS_RI(lit[k] << (31 - c)));
         }
     }
-    return (float3)(row_sum(solid), row_sum(all), row_sum(some));
+    return (float2)(row_sum(all), row_sum(some));
 }
 
 /* Sums over the cells of the light's disk with a lobe of exponent e around the unit vector r: solid angle times lobe
@@ -344,10 +343,11 @@ __kernel void shade(__global const point_t *points, const int n_points, const fl
                 if (moments.x < DISK_CELLS || cut) {
                     count.partial++;
                     if (!cut && h < LARGEST_MOMENT_H) {
-                        diffuse *= clamp(dot(nl, (float3)(moments.y, moments.z, moments.x)) / (nl.z * DISK_CELLS), 0.0f, 1.0f);
+                        const float seen = dot(nl, (float3)(moments.y, moments.z, moments.x));
+                        diffuse *= clamp(seen / (nl.z * DISK_CELLS), 0.0f, 1.0f);
                     } else {
-                        const float3 cells = diffuse_cells(lit, disk, h, nl);
-                        diffuse = cells.y > 0.0f ? diffuse * cells.z / cells.y : 0.0f;
+                        const float2 cells = diffuse_cells(lit, disk, h, nl);
+                        diffuse = cells.x > 0.0f ? diffuse * cells.y / cells.x : 0.0f;
                     }
                     /* A lobe that hardly reaches the light is not worth its cells. */
                     if (glossy && lobe * (e + 2.0f) > NEGLIGIBLE_LOBE * 4.0f * M_PI_F * cap.depth) {
