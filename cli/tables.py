@@ -70,6 +70,26 @@ def check(json: JsonOption = False) -> None:
     )
 
 
+@app.command()
+@command
+def plot(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder for the pictures.", file_okay=False)
+    ] = Path("out/tables"),
+    json: JsonOption = False,
+) -> None:
+    """Draw the counterparts of the paper's Figures 2, 3, 4, 6 and 7 from the tables."""
+    from coslobe.tables import figures, store
+
+    with progress() as listener:
+        files = figures.draw(store.cached(listener), output, listener)
+    if json:
+        print_json({"figures": files})
+        return
+    for file in files:
+        say(str(file))
+
+
 def _show(document: dict[str, Any]) -> None:
     _heading("absolute error of the integral")
     _row("product, L2 scale", document["product_error"]["l2"])

@@ -20,7 +20,8 @@ from coslobe.tables.grid import MAX_EXPONENT, cells, exponent_coordinate, expone
 
 EXPONENTS = 72
 ANGLES = 56
-REACH = 10.0  # beyond this many joint lobe widths a product integrates to less than 1e-20 of its peak
+NEGLIGIBLE = 1e-20  # of the coaxial product's integral
+REACH = 10.0  # beyond this many joint lobe widths a product is negligible
 
 
 class Product(NamedTuple):
@@ -58,7 +59,8 @@ class ProductTable:
         """Interpolate linearly; alpha in [0, pi].
 
         Beyond the range: exponents above MAX_EXPONENT keep the last residuals, with their own closed forms
-        and their own angles; beyond `largest_angle` the scales and the integral are 0.
+        and their own angles; beyond `largest_angle` the scales and the integral are 0 and the
+        exponent is e1 + e2.
         """
         e1, e2, alpha = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (e1, e2, alpha)))
         steps = (EXPONENTS - 1) / exponent_coordinate(MAX_EXPONENT)
@@ -90,13 +92,13 @@ def _pair(i: NDArray, j: NDArray) -> NDArray:
 
 def _product(e1: NDArray, e2: NDArray, alpha: NDArray, residual: NDArray, *, beyond: NDArray) -> Product:
     logs = residual + _closed_forms(e1, e2, alpha)
-    exponent = np.maximum(np.exp(logs[..., 0]) - _SHIFT, 0.0)
+    exponent = np.where(beyond, e1 + e2, np.maximum(np.exp(logs[..., 0]) - SHIFT, 0.0))
     scale, integral = (np.where(beyond, 0.0, np.exp(logs[..., channel])) for channel in (1, 2))
     energy = integral * (exponent + 1) / (2 * np.pi)
     return Product(lobe.peak_angle(e1, e2, alpha), exponent, scale, energy, integral)
 
 
-_SHIFT = 0.5  # e_r + 1/2 stays positive where both exponents are 0
+SHIFT = 0.5  # e_r + 1/2 stays positive where both exponents are 0
 
 
 def largest_angle(e1: ArrayLike, e2: ArrayLike) -> NDArray:
@@ -124,7 +126,7 @@ def _nodes() -> tuple[NDArray, NDArray, NDArray]:
 def _residuals(e1: NDArray, e2: NDArray, alpha: NDArray) -> NDArray:
     fit = lobe.product_l2(e1, e2, alpha)
     with np.errstate(divide="ignore"):
-        logs = [np.log(fit.exponent + _SHIFT), np.log(fit.scale), lobe.log_product_integral(e1, e2, alpha)]
+        logs = [np.log(fit.exponent + SHIFT), np.log(fit.scale), lobe.log_product_integral(e1, e2, alpha)]
     residual = np.stack(logs, axis=-1) - _closed_forms(e1, e2, alpha)
     return np.where(np.isfinite(residual), residual, 0.0).astype(np.float32)  # underflow: 0 either way
 
@@ -137,12 +139,12 @@ def _closed_forms(e1: NDArray, e2: NDArray, alpha: NDArray) -> NDArray:
     that both lobes share, pi - alpha, bounds the peak's width; for the Beta function across the plane,
     B(z, 1/2) = sqrt(pi / (z - 1/4 + 1/(32 z))) within 0.3 %, which a float32 evaluates without loss.
     """
-    t = lobe.peak_angle(e1 + _SHIFT, e2 + _SHIFT, alpha)
+    t = lobe.peak_angle(e1 + SHIFT, e2 + SHIFT, alpha)
     cos1, cos2 = np.cos(t), np.cos(alpha - t)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_peak = e1 * np.log(cos1) + e2 * np.log(cos2)
         k = e1 / cos1**2 + e2 / cos2**2
-        log_er = np.log(np.sqrt((e1 + e2) * k) + _SHIFT)
+        log_er = np.log(np.sqrt((e1 + e2) * k) + SHIFT)
         width = 1 / np.sqrt(k / (2 * np.pi) + 1 / np.maximum(np.pi - alpha, 1e-300) ** 2)
         z = (e1 + e2 + 2) / 2
         log_g = np.log(np.sqrt(np.pi / (z - 0.25 + 0.03125 / z)) * width) + log_peak
