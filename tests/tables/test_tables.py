@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import dblquad
 
 from coslobe.core.errors import CoslobeError, InvalidInput
-from coslobe.tables import cap, errors, integral, lobe, lobe_cap, product, store
+from coslobe.tables import cap, errors, figures, integral, lobe, lobe_cap, product, store
 
 
 @pytest.fixture(scope="module")
@@ -256,3 +256,28 @@ def test_tables_that_tell_lobes_apart_are_refused(tables, monkeypatch):
 
     with pytest.raises(CoslobeError, match="order of its lobes"):
         store.verify(replace(tables, product=Lopsided(tables.product.values)))
+
+
+def test_check_reports_all_samplings(tables):
+    document = errors.full_report(tables)
+    assert set(document["samplings"]) == {"contract", "per_decade", "linear"}
+    assert set(document["relative"]) == {"0-10", "0-100", "0-1000"}
+    place = document["samplings"]["contract"]["l2"]["max_at"]
+    found = tables.product.lookup(place["e1"], place["e2"], place["alpha"])
+    error = found.scale_l2 * lobe.integral(found.exponent) - lobe.product_integral(*place.values())
+    assert abs(error) == pytest.approx(document["samplings"]["contract"]["l2"]["max"], rel=1e-9)
+    assert document["product_error"]["l2"]["max"] == document["samplings"]["contract"]["l2"]["max"]
+    assert document["paper"]["mean"] == 7.1379e-4
+
+
+def test_figures_are_written(tables, tmp_path, monkeypatch):
+    monkeypatch.setattr(figures, "PRODUCTS", figures._BLOCK)
+    names = [file.name for file in figures.draw(tables, tmp_path)]
+    assert [name[:8] for name in names] == [f"figure{n}" for n in ("02", "03", "04", "06", "07")]
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
+
+
+def test_a_whole_build_repeats_to_the_bit(tables, monkeypatch):
+    """A second build, on one core only, has the bits of the cached one."""
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    assert product.build().values.tobytes() == tables.product.values.tobytes()
