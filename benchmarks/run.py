@@ -19,7 +19,7 @@ from coslobe.render.methods import create_method
 from coslobe.render.scene import load_scene
 
 HERE = Path(__file__).parent
-REPEATS = 15
+REPEATS = 41
 WARM_UP = 2
 PAPER_FPS = (15.9, 10.1, 4.75)  # Fig. 17 (a) to (c), on a laptop of 2007
 
