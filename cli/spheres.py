@@ -60,11 +60,9 @@ def spheres(
         )
         return
     m = tree.metrics
-    spheres, levels = (
-        f"{n} {noun}{'s' if n > 1 else ''}"
-        for n, noun in ((tree.finest.count, "sphere"), (len(tree.levels), "level"))
-    )
-    say(f"{file}: {spheres} in {levels}, fitted in {tree.seconds:.1f} s")
+    found = tree.finest.count, len(tree.levels)
+    size = " in ".join(f"{n} {noun}{'s' * (n > 1)}" for n, noun in zip(found, ("sphere", "level"), strict=True))
+    say(f"{file}: {size}, fitted in {tree.seconds:.1f} s")
     say(f"  silhouettes  IoU {m['silhouette_iou_mean']:.3f} (worst view {m['silhouette_iou_min']:.3f})")
     say(
         f"  volume       IoU {m['volume_iou']:.3f}, {m['outside_volume']:.1%} outside, "
