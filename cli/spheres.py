@@ -61,7 +61,9 @@ def spheres(
         return
     m = tree.metrics
     found = tree.finest.count, len(tree.levels)
-    size = " in ".join(f"{n} {noun}{'s' * (n > 1)}" for n, noun in zip(found, ("sphere", "level"), strict=True))
+    size = " in ".join(
+        f"{n} {noun}{'s' * (n > 1)}" for n, noun in zip(found, ("sphere", "level"), strict=True)
+    )
     say(f"{file}: {size}, fitted in {tree.seconds:.1f} s")
     say(f"  silhouettes  IoU {m['silhouette_iou_mean']:.3f} (worst view {m['silhouette_iou_min']:.3f})")
     say(
