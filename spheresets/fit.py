@@ -3,8 +3,6 @@
 import hashlib
 import time
 from dataclasses import replace
-from functools import lru_cache
-from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
 
@@ -126,7 +124,8 @@ def cache_file(
     """Where `cached_spheres` keeps the tree; there is no such file before the first fit."""
     check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
     settings = {"method": method, "quality": quality, "mode": mode, "seed": seed, "levels": levels}
-    key = cache.digest(_recipe(), _geometry(mesh), count, settings, _identity(device))
+    code = cache.code_digest("spheresets", "spheresets.kernels")  # a changed recipe finds nothing
+    key = cache.digest(code, _geometry(mesh), count, settings, _identity(device))
     return cache.entry("spheres", key, SUFFIX)
 
 
@@ -166,13 +165,3 @@ def _info(mesh: Mesh) -> MeshInfo:
 def _geometry(mesh: Mesh) -> str:
     """Hash of the triangles: unlike the file's, it covers the files that a glTF file refers to."""
     return hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes()).hexdigest()
-
-
-@lru_cache(maxsize=1)
-def _recipe() -> str:
-    """Hash of this room's code: a changed recipe finds nothing in the cache."""
-    room = files("coslobe.spheresets")
-    code = [file for folder in (room, room / "kernels") for file in folder.iterdir()]
-    code = [file for file in code if file.name.endswith((".py", ".cl"))]
-    texts = sorted((file.name, file.read_text(encoding="utf-8")) for file in code)
-    return cache.digest(texts)

@@ -12,7 +12,7 @@ from coslobe.core import cache
 from coslobe.core.errors import CoslobeError, InvalidInput
 from coslobe.core.files import atomic_path
 from coslobe.core.progress import SILENT, Progress
-from coslobe.tables import cap, grid, integral, lobe, lobe_cap, product, quadrature
+from coslobe.tables import cap, integral, lobe, lobe_cap, product
 from coslobe.tables.grid import exponent_nodes
 
 FORMAT = "coslobe-tables/1"
@@ -157,9 +157,7 @@ def _checksum(arrays: dict[str, NDArray]) -> str:
 
 def cached_path() -> Path:
     """Where the cache keeps the tables: named by the source that builds them, so that they never go stale."""
-    modules = (product, integral, cap, lobe_cap, lobe, grid, quadrature)
-    sources = [Path(str(module.__file__)).read_text() for module in modules]
-    return cache.entry("tables", cache.digest(FORMAT, sources), ".npz")
+    return cache.entry("tables", cache.digest(FORMAT, cache.code_digest("tables")), ".npz")
 
 
 def cached(progress: Progress = SILENT, *, force: bool = False) -> LobeTables:
