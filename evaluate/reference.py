@@ -1,7 +1,6 @@
 """Reference images: direct light by path tracing, frame by frame into EXR files, resumable."""
 
 import hashlib
-import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +20,12 @@ from coslobe.evaluate.occlusion import mesh_occluders, sphere_occluders
 from coslobe.evaluate.sampling import Strata, strata
 from coslobe.render.assets import Assets, world_blockers
 from coslobe.render.gbuffer import trace_gbuffer
-from coslobe.render.images import BEAUTY, read_attributes, read_exr, write_exr
+from coslobe.render.images import BEAUTY, read_exr, stored_attributes, write_exr
 from coslobe.render.scene import Scene, SceneFile
+from coslobe.render.sequence import earlier_seconds
 
 OccluderKind = Literal["mesh", "spheres"]
 
-DEFAULT_SAMPLES = 256
 SEED = 0
 
 
@@ -82,7 +81,7 @@ def render_references(
     """
     remove_leftovers(folder)
     manifest = folder / "manifest.json"
-    earlier = _earlier_seconds(manifest)
+    earlier = earlier_seconds(manifest)
     records: list[dict[str, Any]] = []
     hashes: list[str] = []
     try:
@@ -91,7 +90,7 @@ def render_references(
             grid = strata(-(-samples // scene.image.samples))
             path = folder / f"reference.{index:04d}.exr"
             settings = _settings_hash(scene, assets, occluders, grid, index)
-            done = _is_done(path, settings)
+            done = stored_attributes(path).get("config_sha256") == settings
             start = time.perf_counter()
             if not done:
                 _render(scene, assets, occluders, grid, index, path, settings, progress)
@@ -158,7 +157,7 @@ def _settings_hash(scene: Scene, assets: Assets, occluders: OccluderKind, grid: 
     for name, obj in scene.objects.items():
         del data["objects"][name]["spheres"]
         if obj.mesh is not None:
-            data["objects"][name]["mesh"] = assets.mesh(obj).sha256
+            data["objects"][name]["mesh"] = assets.mesh_hash(obj)
     blockers = None
     if occluders == "spheres":
         spheres = world_blockers(scene, assets)
@@ -169,13 +168,6 @@ def _settings_hash(scene: Scene, assets: Assets, occluders: OccluderKind, grid: 
     code = cache.code_digest("core", "spheresets", "render", "evaluate")
     settings = (data, order, blockers, grid.rows, grid.columns, SEED, frame)
     return cache.digest("reference", VERSION, code, *settings)
-
-
-def _is_done(path: Path, settings: str) -> bool:
-    try:
-        return path.is_file() and read_attributes(path).get("config_sha256") == settings
-    except InvalidInput:  # broken: made again
-        return False
 
 
 def _write_manifest(
@@ -196,12 +188,3 @@ def _write_manifest(
         ],
     }
     write_json(path, document)
-
-
-def _earlier_seconds(manifest: Path) -> dict[str, float]:
-    """Seconds by settings hash, from the manifest of an earlier run; nothing where there is none."""
-    try:
-        frames = json.loads(manifest.read_text())["frames"]
-        return {frame["settings_sha256"]: frame["seconds"] for frame in frames}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}

@@ -95,17 +95,19 @@ class Assets:
         return f"{spheres.count}, {'cached' if cached.is_file() else 'to be fitted'}"
 
     def contents(self, obj: Object) -> dict[str, Any]:
-        """The keys of the object that name files, with the SHA-256 of what is in the files instead.
-
-        For a mesh it is that of its arrays: glTF files refer to further files.
-        """
+        """The keys of the object that name files, with the SHA-256 of what is in the files instead."""
         if obj.mesh is None:
             return {}
         mesh, spheres = self.mesh(obj), obj.spheres.model_dump()
         self.inputs[mesh.file] = mesh.sha256
         if file := obj.spheres.file:
             spheres["file"] = self.inputs[file] = self._once(("hash", file), lambda: sha256(Path(file)))
-        return {"mesh": self._once(("hash", mesh.file), lambda: _arrays_hash(mesh)), "spheres": spheres}
+        return {"mesh": self.mesh_hash(obj), "spheres": spheres}
+
+    def mesh_hash(self, obj: Object) -> str:
+        """SHA-256 of the mesh's arrays; the file's own would miss what glTF files refer to."""
+        mesh = self.mesh(obj)
+        return self._once(("hash", mesh.file), lambda: _arrays_hash(mesh))
 
     def _load_spheres(self, obj: Object) -> SphereSet:
         mesh, spheres = self.mesh(obj), obj.spheres

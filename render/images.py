@@ -89,6 +89,14 @@ def read_exr(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]
     return layers, attributes
 
 
+def stored_attributes(path: Path) -> dict[str, Any]:
+    """The attributes of an earlier picture; nothing where there is none or it is broken."""
+    try:
+        return read_attributes(path) if path.is_file() else {}
+    except InvalidInput:
+        return {}
+
+
 def read_attributes(path: Path) -> dict[str, Any]:
     """The "coslobe:" attributes of an EXR file, without its pixels. Errors as in `read_exr`."""
     return _read(path, header_only=True)[1]

@@ -8,11 +8,11 @@ from typing import Any
 
 from coslobe.core import cache
 from coslobe.core.device import Device, DeviceInfo
-from coslobe.core.errors import InvalidInput, UsageError
+from coslobe.core.errors import UsageError
 from coslobe.core.progress import SILENT, Progress
 from coslobe.core.version import VERSION
 from coslobe.render.assets import Assets
-from coslobe.render.images import read_attributes
+from coslobe.render.images import stored_attributes
 from coslobe.render.scene import Scene, SceneFile
 from coslobe.render.scenepaths import suggestion
 
@@ -114,7 +114,7 @@ def plan_frames(
         exr = folder / f"beauty.{index:04d}.exr"
         png = exr.with_suffix(".png")
         settings = settings_hash(scene_file.at(index), assets, device, layers)
-        found = _stored(exr) if resume and png.is_file() else {}
+        found = stored_attributes(exr) if resume and png.is_file() else {}
         done = found.get("config_sha256") == settings
         planned.append(PlannedFrame(index, exr, png, settings, done, found.get("points") if done else None))
     return planned
@@ -135,14 +135,6 @@ def settings_hash(scene: Scene, assets: Assets, device: DeviceInfo, layers: Sequ
     order = [list(part) for part in (scene.materials, scene.lights, scene.objects)]
     runtime = (device.platform, device.version, device.name, device.vector_width)
     return cache.digest(VERSION, cache.code_digest(*CODE), data, order, runtime, list(layers))
-
-
-def _stored(exr: Path) -> dict[str, Any]:
-    """The attributes of an earlier picture; nothing where there is none or it is broken."""
-    try:
-        return read_attributes(exr) if exr.is_file() else {}
-    except InvalidInput:
-        return {}
 
 
 def preview(

@@ -230,7 +230,7 @@ def _write_manifest(
 ) -> None:
     """What went into the pictures. Frames from earlier runs keep the times that they took then."""
     path = out_dir / "manifest.json"
-    earlier = _earlier_seconds(path)
+    earlier = earlier_seconds(path)
     scene = {"file": scene_file.path, "sha256": scene_file.document.sha256}
     files = [{"file": file, "sha256": digest} for file, digest in assets.inputs.items()]
     frames = []
@@ -257,7 +257,7 @@ def _versions() -> dict[str, str]:
     return versions
 
 
-def _earlier_seconds(manifest: Path) -> dict[str, float]:
+def earlier_seconds(manifest: Path) -> dict[str, float]:
     """Seconds per settings hash in the manifest of an earlier run; nothing where there is none."""
     try:
         return {
