@@ -29,11 +29,12 @@ STATS = np.dtype([(name, np.uint32) for name in ("lit", "partial", "dark", "belo
 
 GROUP = 16  # spheres that are culled together
 NO_OWNER = -1
+FIRST_EMITTER = -2  # owner of the first light's sphere among the blockers; further lights count down
 
 
 def emitter_owner(light: int) -> int:
     """Owner of the sphere that stands for a light among the blockers of the other lights."""
-    return -2 - light
+    return FIRST_EMITTER - light
 
 
 def declarations() -> str:
@@ -41,5 +42,5 @@ def declarations() -> str:
     structs = {"point_t": POINT, "material_t": MATERIAL, "light_t": LIGHT, "stats_t": STATS}
     return (
         "".join(struct_declaration(name, dtype) for name, dtype in structs.items())
-        + f"#define GROUP {GROUP}\n#define EMITTER_OWNER(light) (-2 - (light))\n"
+        + f"#define GROUP {GROUP}\n#define EMITTER_OWNER(light) ({FIRST_EMITTER} - (light))\n"
     )

@@ -21,6 +21,12 @@ inline rf row_centres(int k)
     return (row_numbers() + (k * RW + 0.5f)) * (2.0f / ROWS) - 1.0f;
 }
 
+/* x of a column, for h = 1. */
+inline float column_centre(int c)
+{
+    return (c + 0.5f) * (2.0f / ROWS) - 1.0f;
+}
+
 /* The bits of cells from `low` to `high` (in cell units, 0 at the left edge) where `valid`. FIRST and LAST round by
    the mask's mode: a cell counts where its centre, all of it, or any of it is covered. */
 inline ru interval_bits(rf low, rf high, ri valid)
@@ -107,7 +113,7 @@ inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, 
         const rf y = row_centres(k) * h;
         const rf cx = oy - oz * y;
         for (int c = 0; c < ROWS; c++) {
-            const float x = ((c + 0.5f) * (2.0f / ROWS) - 1.0f) * h;
+            const float x = column_centre(c) * h;
             const rf cz = ox * y - oy * x;
             const float cy = oz * x - ox;
             const rf inverse = rsqrt(x * x + y * y + 1.0f), inverse2 = inverse * inverse;

@@ -132,6 +132,12 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
     return state;
 }
 
+/* Values of the cells in column c whose bit is set, 0 of the others. */
+inline rf where_bit(ru rows, int c, rf value)
+{
+    return select((rf)(0.0f), value, AS_RI(rows << (31 - c)));
+}
+
 /* Sums of solid angle times cosine over the cells of the light's disk, over all (x) and over lit ones (y). */
 inline float2 diffuse_cells(const ru *lit, __constant uint *disk, float h, float3 n)
 {
@@ -140,12 +146,12 @@ inline float2 diffuse_cells(const ru *lit, __constant uint *disk, float h, float
         const rf y = row_centres(k) * h;
         const ru inside = RU_LOAD(k, disk);
         for (int c = 0; c < ROWS; c++) {
-            const float x = ((c + 0.5f) * (2.0f / ROWS) - 1.0f) * h;
+            const float x = column_centre(c) * h;
             const rf inverse = rsqrt(x * x + y * y + 1.0f);
-            const rf omega = select((rf)(0.0f), inverse * inverse * inverse, AS_RI(inside << (31 - c)));
+            const rf omega = where_bit(inside, c, inverse * inverse * inverse);
             const rf value = omega * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
             all += value;
-            some += select((rf)(0.0f), value, AS_RI(lit[k] << (31 - c)));
+            some += where_bit(lit[k], c, value);
         }
     }
     return (float2)(row_sum(all), row_sum(some));
@@ -162,16 +168,16 @@ inline float3 glossy_cells(const ru *lit, __constant uint *disk, float h, float3
         const rf y = row_centres(k) * h;
         const ru inside = RU_LOAD(k, disk);
         for (int c = 0; c < ROWS; c++) {
-            const float x = ((c + 0.5f) * (2.0f / ROWS) - 1.0f) * h;
+            const float x = column_centre(c) * h;
             const rf inverse = rsqrt(x * x + y * y + 1.0f);
-            const rf omega = select((rf)(0.0f), inverse * inverse * inverse, AS_RI(inside << (31 - c)));
+            const rf omega = where_bit(inside, c, inverse * inverse * inverse);
             const rf dx = x * inverse - r.x, dy = y * inverse - r.y, dz = inverse - r.z;
             const rf q = 0.5f * (dx * dx + dy * dy + dz * dz);
             const rf lobe = omega * lobe_rows(q, exponent);
             const rf value = lobe * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
             around += lobe * (1.0f - q);
             all += value;
-            some += select((rf)(0.0f), value, AS_RI(lit[k] << (31 - c)));
+            some += where_bit(lit[k], c, value);
         }
     }
     return (float3)(row_sum(around), row_sum(all), row_sum(some));
