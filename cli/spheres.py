@@ -14,7 +14,9 @@ def spheres(
     count: Annotated[int, typer.Option("-n", "--count", help="Spheres in the finest level.")] = 64,
     method: Annotated[str, typer.Option(help="How to fit: balanced.")] = "balanced",
     quality: Annotated[str, typer.Option(help="fast, or best (about five times slower).")] = "fast",
-    mode: Annotated[str, typer.Option(help="Where spheres may reach: balanced.")] = "balanced",
+    mode: Annotated[
+        str, typer.Option(help="Where spheres may reach: balanced, inner, outer; default: the method's own.")
+    ] = "",
     levels: Annotated[
         int | None, typer.Option(help="Levels of detail to keep, the finest included; default: all.")
     ] = None,
@@ -29,29 +31,19 @@ def spheres(
     from coslobe.core.device import open_device
     from coslobe.core.errors import UsageError
     from coslobe.spheresets.files import SUFFIX, write_spheres
-    from coslobe.spheresets.fit import cached_spheres, check_settings
+    from coslobe.spheresets.fit import cached_spheres
     from coslobe.spheresets.mesh import SAMPLE_BUNNY, load_mesh
     from coslobe.spheresets.preview import write_preview
+    from coslobe.spheresets.settings import FitSettings
 
-    check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
+    settings = FitSettings(count, method, quality, mode, seed, levels)
     if mesh != SAMPLE_BUNNY and not Path(mesh).is_file():
         raise UsageError(f"{mesh}: no such file", f"give a mesh file or {SAMPLE_BUNNY}")
     source = load_mesh(mesh)
     file = output or Path(source.name + SUFFIX)
     picture = file.with_name(file.name.removesuffix(".json").removesuffix(".spheres") + ".spheres.png")
     with progress() as listener:
-        tree = cached_spheres(
-            source,
-            count,
-            method=method,
-            quality=quality,
-            mode=mode,
-            seed=seed,
-            levels=levels,
-            metrics=True,
-            device=open_device(device),
-            progress=listener,
-        )
+        tree = cached_spheres(source, settings, metrics=True, device=open_device(device), progress=listener)
         write_spheres(file, tree)
         write_preview(picture, source, tree.finest)
     if json:

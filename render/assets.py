@@ -84,14 +84,7 @@ class Assets:
         if spheres.file is not None:
             return f"read from {spheres.file}"
         assert self._device is not None
-        cached = cache_file(
-            self.mesh(obj),
-            spheres.count,
-            method=spheres.method,
-            quality=spheres.quality,
-            seed=spheres.seed,
-            device=self._device,
-        )
+        cached = cache_file(self.mesh(obj), spheres.settings(), device=self._device)
         return f"{spheres.count}, {'cached' if cached.is_file() else 'to be fitted'}"
 
     def contents(self, obj: Object) -> dict[str, Any]:
@@ -118,15 +111,8 @@ class Assets:
             return tree.finest
         if self._device is None:
             raise NoDevice(f"{mesh.file}: fitting spheres needs an OpenCL device")
-        return cached_spheres(
-            mesh,
-            spheres.count,
-            method=spheres.method,
-            quality=spheres.quality,
-            seed=spheres.seed,
-            device=self._device,
-            progress=self._progress,
-        ).finest
+        tree = cached_spheres(mesh, spheres.settings(), device=self._device, progress=self._progress)
+        return tree.finest
 
     def _once(self, key: Any, make: "Callable[[], Any]") -> Any:
         if key not in self._made:

@@ -36,6 +36,7 @@ from coslobe.render.fields import (
 from coslobe.render.problems import Problem, problems_of, report
 from coslobe.render.scenepaths import UnknownPath, follow, suggestion
 from coslobe.render.yamlfile import Document, parse_yaml, read_yaml
+from coslobe.spheresets.settings import FitSettings
 
 
 def _one_of(*keys: str) -> ConfigDict:
@@ -185,7 +186,7 @@ class Spheres(Part):
 
     count: Count = 64
     """How many spheres."""
-    method: Annotated[Literal["balanced"], supported_only("variational", "medial")] = "balanced"
+    method: Literal["balanced", "variational", "medial"] = "balanced"
     """How they are fitted."""
     quality: Literal["fast", "best"] = "fast"
     """How much time the fit may take."""
@@ -199,6 +200,10 @@ class Spheres(Part):
         if self.file is not None and len(self.model_fields_set) > 1:
             raise wrong("holds either file or the settings of a fit, not both")
         return self
+
+    def settings(self) -> FitSettings:
+        """The fit that is asked for."""
+        return FitSettings(self.count, self.method, self.quality, seed=self.seed)
 
 
 class Transform(Part):

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from coslobe.core.device import Device
 from coslobe.core.progress import SILENT, Progress
 from coslobe.spheresets.samples import LineSamples, PointSamples, draw_lines, draw_points
+from coslobe.spheresets.settings import FitSettings
 from coslobe.spheresets.soft_union import SMALLEST, SoftUnion, State
 from coslobe.spheresets.solid import Solid
+from coslobe.spheresets.starts import greedy_start
 from coslobe.spheresets.union import Union
 
 Array = NDArray[np.float64]
@@ -27,13 +29,11 @@ SOFTNESS = (0.0125, 0.0019)
 RATE = (0.004, 0.0004)
 NOISE = (0.0067, 0.02)
 
-SLACK = 0.35  # how much a greedy start prefers uncovered places to deep ones
 SPARE_FROM = 64  # counts from which a fit starts with twice the spheres
 PRUNINGS, PRUNED_AT = 6, 0.6  # rounds in which the spare ones go, and the share of steps when all are gone
 EXCHANGED_FROM, EXCHANGED_TO = 0.1, 0.75  # share of the steps between the first and last exchange
 MOST_EXCHANGED = 0.15  # of the spheres, in one round
 CANDIDATES = 1200
-START_POINTS = 2000  # interior points for the starts after the first
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,17 @@ class Balanced:
     Parameters
     ----------
     solid : Solid
-    quality : str
-        A key of EFFORTS.
-    seed : int
-        The same seed gives the same spheres on the same device.
+    settings : FitSettings
+        Their quality is a key of EFFORTS.
+    device : Device
     """
 
-    def __init__(self, solid: Solid, *, quality: str, seed: int, device: Device) -> None:
+    def __init__(self, solid: Solid, settings: FitSettings, device: Device) -> None:
         self._solid = solid
-        self._effort = EFFORTS[quality]
-        self._seed = seed
+        self._effort = EFFORTS[settings.quality]
+        self._seed = settings.seed
         self._device = device
-        self._lines = draw_lines(solid, np.random.default_rng([seed, 0]))
+        self._lines = draw_lines(solid, np.random.default_rng([settings.seed, 0]))
         self._drawn: dict[float, tuple[PointSamples, SoftUnion]] = {}
 
     def fit(self, count: int, *, coarse: bool = False, progress: Progress = SILENT) -> Array:
@@ -85,7 +84,7 @@ class Balanced:
         with progress.task(f"fitting {count} spheres", starts * effort.steps) as advance:
             for start in range(starts):
                 rng = np.random.default_rng([self._seed, 1, count, start])
-                spheres = _greedy(points, count * (2 if count >= SPARE_FROM else 1), start, rng)
+                spheres = greedy_start(points, count * (2 if count >= SPARE_FROM else 1), start, rng)
                 search = _Search(points, union, self._device, spheres, count, rng)
                 spheres, mistaken = self._unbiased(search.run(effort, advance))
                 if mistaken < least:
@@ -220,24 +219,3 @@ def _at(shares: Array, steps: int) -> list[int]:
 def _touches(sphere: Array, others: Array) -> bool:
     gap = np.linalg.norm(others[:, :3] - sphere[:3], axis=1) - others[:, 3] - sphere[3]
     return bool((gap <= 0).any())
-
-
-def _greedy(points: PointSamples, count: int, start: int, rng: np.random.Generator) -> Array:
-    """Balls inside the solid, one after another where most is uncovered, [count, 4].
-
-    Start 0 begins with the largest of all; other starts choose among fewer points and begin anywhere.
-    """
-    interior, depth = points.interior, points.depth
-    if start:
-        chosen = rng.choice(len(depth), min(max(START_POINTS, count), len(depth)), replace=False)
-        interior, depth = interior[chosen], depth[chosen]
-    index = np.empty(count, np.int64)
-    index[0] = rng.integers(len(depth)) if start else np.argmax(depth)
-    uncovered = np.full(len(depth), np.inf)
-    for k in range(count):
-        if k:
-            index[k] = np.argmax(np.minimum(uncovered, depth + SLACK * uncovered))
-        offset = interior - interior[index[k]]
-        gap = np.sqrt(np.einsum("nd,nd->n", offset, offset)) - depth[index[k]]
-        uncovered = np.minimum(uncovered, gap)
-    return np.column_stack([interior[index], depth[index]])

@@ -2,7 +2,7 @@
 
 import hashlib
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from coslobe.core import cache
 from coslobe.core.device import Device
-from coslobe.core.errors import InvalidInput, UsageError
+from coslobe.core.errors import InvalidInput
 from coslobe.core.progress import SILENT, Progress
 from coslobe.spheresets.balanced import Balanced
 from coslobe.spheresets.files import SUFFIX, read_spheres, write_spheres
@@ -19,48 +19,34 @@ from coslobe.spheresets.mesh import Mesh
 from coslobe.spheresets.metrics import measure
 from coslobe.spheresets.model import MeshInfo, SphereSet, SphereTree
 from coslobe.spheresets.outside import outside_distances
+from coslobe.spheresets.settings import FitSettings
 from coslobe.spheresets.solid import Solid
 from coslobe.spheresets.tree import bounding_hierarchy, level_counts, parents
 
 METHODS = {"balanced": Balanced}
-QUALITIES = ("fast", "best")
-MODES = ("balanced",)
 
 
 def fit_spheres(
-    mesh: Mesh,
-    count: int = 64,
-    *,
-    method: str = "balanced",
-    quality: str = "fast",
-    mode: str = "balanced",
-    seed: int = 0,
-    levels: int | None = None,
-    device: Device,
-    progress: Progress = SILENT,
+    mesh: Mesh, settings: FitSettings, *, device: Device, progress: Progress = SILENT
 ) -> SphereTree:
-    """Fit exactly `count` spheres and the coarser levels 4, 16, 64, ... below it.
+    """Fit exactly `settings.count` spheres and the coarser levels 4, 16, 64, ... below it.
 
-    `levels` is the number of levels to keep, the finest included (None: all). `seconds` covers sampling and
-    fitting. `metrics` stay empty; `metrics.measure` fills them.
+    `seconds` covers sampling and fitting. `metrics` stay empty; `metrics.measure` fills them.
 
     Raises
     ------
-    UsageError
-        `method`, `quality` or `mode` is unknown, or `count` or `levels` is below 1.
     InvalidInput
         The mesh encloses no volume.
     """
-    check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
     started = time.perf_counter()
     with progress.task("sampling the mesh", 1) as advance:
         solid = Solid(mesh)
-        fits = METHODS[method](solid, quality=quality, seed=seed, device=device)
+        fits = METHODS[settings.method](solid, settings, device)
         advance()
     if not solid.closed:
         progress.say(f"{mesh.file} is not closed: its winding number decides what is inside")
-    counts = level_counts(count, levels)
-    fitted = [fits.fit(n, coarse=n != count, progress=progress) for n in counts]
+    counts = level_counts(settings.count, settings.levels)
+    fitted = [fits.fit(n, coarse=n != settings.count, progress=progress) for n in counts]
     # The hierarchy is built in file coordinates, where its containment has to hold to the last bit.
     order, hierarchy = bounding_hierarchy(_to_file(solid, fitted[-1]))
     fitted[-1] = fitted[-1][order]
@@ -71,23 +57,18 @@ def fit_spheres(
         parents=tuple(above),
         hierarchy=hierarchy,
         mesh=_info(mesh),
-        method=method,
-        quality=quality,
-        mode=mode,
-        seed=seed,
+        method=settings.method,
+        quality=settings.quality,
+        mode=settings.mode,
+        seed=settings.seed,
         seconds=time.perf_counter() - started,
     )
 
 
 def cached_spheres(
     mesh: Mesh,
-    count: int = 64,
+    settings: FitSettings,
     *,
-    method: str = "balanced",
-    quality: str = "fast",
-    mode: str = "balanced",
-    seed: int = 0,
-    levels: int | None = None,
     metrics: bool = False,
     device: Device,
     progress: Progress = SILENT,
@@ -96,13 +77,12 @@ def cached_spheres(
 
     With `metrics`, the tree has them; else only where an earlier call wanted them.
     """
-    settings = {"method": method, "quality": quality, "mode": mode, "seed": seed, "levels": levels}
-    path = cache_file(mesh, count, device=device, **settings)
+    path = cache_file(mesh, settings, device=device)
     try:
         tree = replace(read_spheres(path), mesh=_info(mesh))
     except InvalidInput:  # not there yet, or damaged
-        progress.say(f"fitting {count} spheres to {mesh.file} (kept for next time)")
-        tree = fit_spheres(mesh, count, **settings, device=device, progress=progress)
+        progress.say(f"fitting {settings.count} spheres to {mesh.file} (kept for next time)")
+        tree = fit_spheres(mesh, settings, device=device, progress=progress)
         write_spheres(path, tree)
     if metrics and not tree.metrics:
         tree = replace(tree, metrics=measure(Solid(mesh), tree.finest, device, progress))
@@ -110,37 +90,11 @@ def cached_spheres(
     return tree
 
 
-def cache_file(
-    mesh: Mesh,
-    count: int = 64,
-    *,
-    method: str = "balanced",
-    quality: str = "fast",
-    mode: str = "balanced",
-    seed: int = 0,
-    levels: int | None = None,
-    device: Device,
-) -> Path:
+def cache_file(mesh: Mesh, settings: FitSettings, *, device: Device) -> Path:
     """Where `cached_spheres` keeps the tree; there is no such file before the first fit."""
-    check_settings(count, method=method, quality=quality, mode=mode, levels=levels)
-    settings = {"method": method, "quality": quality, "mode": mode, "seed": seed, "levels": levels}
     code = cache.code_digest("spheresets", "spheresets.kernels")  # a changed recipe finds nothing
-    key = cache.digest(code, _geometry(mesh), count, settings, _identity(device))
+    key = cache.digest(code, _geometry(mesh), asdict(settings), _identity(device))
     return cache.entry("spheres", key, SUFFIX)
-
-
-def check_settings(count: int, *, method: str, quality: str, mode: str, levels: int | None = None) -> None:
-    """Raise UsageError where a fit cannot be asked for like this."""
-    choices = (("method", method, METHODS), ("quality", quality, QUALITIES), ("mode", mode, MODES))
-    for name, value, known in choices:
-        if value not in known:
-            raise UsageError(
-                f"{name} {value!r} does not exist in this version", f"{name} can be {' or '.join(known)}"
-            )
-    if count < 1:
-        raise UsageError(f"count must be >= 1 (got {count})", "ask for at least one sphere")
-    if levels is not None and levels < 1:
-        raise UsageError(f"levels must be >= 1 (got {levels})", "1 keeps only the finest level")
 
 
 def _to_file(solid: Solid, spheres: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -256,8 +256,8 @@ BAD = {
     ),
     "other fits": (
         "{count: 64}",
-        "{method: medial}",
-        ["24:15: objects.bunny.spheres.method: not supported in this version (got medial)"],
+        "{method: convex}",
+        ["24:15: objects.bunny.spheres.method: must be 'balanced', 'variational' or 'medial' (got convex)"],
     ),
     "unknown target": (
         "objects.bunny.transform.rotate_y, k",

@@ -7,12 +7,13 @@ import trimesh
 from coslobe.spheresets.balanced import Balanced
 from coslobe.spheresets.metrics import measure, silhouette_ious
 from coslobe.spheresets.model import SphereSet
+from coslobe.spheresets.settings import FitSettings
 from coslobe.spheresets.solid import Solid
 from coslobe.spheresets.union import Union
 
 
 def fits(solid: Solid, device, seed: int = 0, quality: str = "fast") -> Balanced:
-    return Balanced(solid, quality=quality, seed=seed, device=device)
+    return Balanced(solid, FitSettings(quality=quality, seed=seed), device)
 
 
 @pytest.fixture(scope="module")

@@ -57,9 +57,9 @@ def test_levels_seed_and_quality_reach_the_file(run, ball_file, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "status", "complaint"),
     [
-        (["--method", "variational"], 2, "method 'variational' does not exist in this version"),
-        (["--mode", "inner"], 2, "mode 'inner' does not exist in this version"),
-        (["--quality", "good"], 2, "quality 'good' does not exist"),
+        (["--method", "convex"], 2, "no method 'convex'"),
+        (["--mode", "around"], 2, "no mode 'around' with method balanced"),
+        (["--quality", "good"], 2, "no quality 'good'"),
         (["-n", "0"], 2, "count must be >= 1 (got 0)"),
         (["-n", "many"], 2, "valid integer"),
         (["--levels", "0"], 2, "levels must be >= 1"),

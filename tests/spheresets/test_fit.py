@@ -10,6 +10,7 @@ from coslobe.core.progress import Progress
 from coslobe.spheresets.files import read_spheres, write_spheres
 from coslobe.spheresets.fit import cached_spheres, fit_spheres
 from coslobe.spheresets.mesh import load_mesh
+from coslobe.spheresets.settings import FitSettings
 
 
 class Listener(Progress):
@@ -27,7 +28,7 @@ def moved_ball(ball):
 
 @pytest.fixture(scope="module")
 def tree(moved_ball, one_device):
-    return fit_spheres(moved_ball, 18, seed=1, device=one_device)
+    return fit_spheres(moved_ball, FitSettings(18, seed=1), device=one_device)
 
 
 def test_a_tree_has_its_levels_in_file_coordinates(tree):
@@ -66,7 +67,7 @@ def test_a_fitted_tree_survives_the_file(tree, tmp_path):
 
 
 def test_levels_are_counted_from_the_finest(ball, one_device):
-    tree = fit_spheres(ball, 6, levels=1, device=one_device)
+    tree = fit_spheres(ball, FitSettings(6, levels=1), device=one_device)
     assert [level.count for level in tree.levels] == [6]
     assert (tree.parents[0] == -1).all()
 
@@ -75,51 +76,52 @@ def test_levels_are_counted_from_the_finest(ball, one_device):
     ("wrong", "complaint"),
     [
         ({"count": 0}, "count must be >= 1"),
-        ({"method": "variational"}, "method 'variational' does not exist in this version"),
-        ({"quality": "good"}, "quality 'good' does not exist"),
-        ({"mode": "outer"}, "mode 'outer' does not exist"),
+        ({"method": "convex"}, "no method 'convex'"),
+        ({"quality": "good"}, "no quality 'good'"),
+        ({"mode": "around"}, "no mode 'around' with method balanced"),
         ({"levels": 0}, "levels must be >= 1"),
     ],
 )
 def test_what_does_not_exist_is_refused(ball, one_device, wrong, complaint):
     with pytest.raises(UsageError, match=complaint) as caught:
-        fit_spheres(ball, **{"count": 4, **wrong}, device=one_device)
+        FitSettings(**{"count": 4, **wrong})
     assert caught.value.hint
 
 
 def test_the_cache_knows_a_mesh_by_its_content(ball_file, one_device, tmp_path):
     listener = Listener()
-    first = cached_spheres(load_mesh(ball_file), 3, seed=11, device=one_device, progress=listener)
+    settings = FitSettings(3, seed=11)
+    first = cached_spheres(load_mesh(ball_file), settings, device=one_device, progress=listener)
     assert any("fitting 3 spheres" in line for line in listener.lines)
     assert first.metrics == {}
 
     copy = tmp_path / "copy.ply"
     copy.write_bytes(ball_file.read_bytes())
     listener.lines.clear()
-    second = cached_spheres(load_mesh(copy), 3, seed=11, device=one_device, progress=listener)
+    second = cached_spheres(load_mesh(copy), settings, device=one_device, progress=listener)
     assert listener.lines == []
     np.testing.assert_array_equal(first.finest.centers, second.finest.centers)
     assert second.mesh.file == str(copy)
 
-    third = cached_spheres(load_mesh(copy), 3, seed=12, device=one_device, progress=listener)
+    third = cached_spheres(load_mesh(copy), FitSettings(3, seed=12), device=one_device, progress=listener)
     assert any("fitting 3 spheres" in line for line in listener.lines)
     assert third.seed == 12
 
 
 def test_metrics_join_a_cached_tree(ball_file, one_device):
     mesh = load_mesh(ball_file)
-    assert cached_spheres(mesh, 2, seed=21, device=one_device).metrics == {}
-    measured = cached_spheres(mesh, 2, seed=21, metrics=True, device=one_device)
+    assert cached_spheres(mesh, FitSettings(2, seed=21), device=one_device).metrics == {}
+    measured = cached_spheres(mesh, FitSettings(2, seed=21), metrics=True, device=one_device)
     assert measured.metrics["silhouette_iou_mean"] > 0.9
-    assert cached_spheres(mesh, 2, seed=21, device=one_device).metrics == measured.metrics
+    assert cached_spheres(mesh, FitSettings(2, seed=21), device=one_device).metrics == measured.metrics
 
 
 def test_a_damaged_cache_entry_is_replaced(ball_file, one_device):
     from coslobe.core import cache
 
     mesh = load_mesh(ball_file)
-    first = cached_spheres(mesh, 1, device=one_device)
+    first = cached_spheres(mesh, FitSettings(1), device=one_device)
     for path in (cache.folder() / "spheres").iterdir():
         path.write_text("{")
-    again = cached_spheres(mesh, 1, device=one_device)
+    again = cached_spheres(mesh, FitSettings(1), device=one_device)
     np.testing.assert_array_equal(first.finest.centers, again.finest.centers)
