@@ -203,8 +203,7 @@ class _Search:
 
     def _candidates(self, spheres: Array) -> Array:
         """Largest balls inside the solid around interior points that no sphere covers."""
-        clearance, _ = Union(self._device, spheres).points(self._points.interior)
-        uncovered = np.flatnonzero(clearance > 0)
+        uncovered = self._points.uncovered(spheres)
         chosen = self._rng.choice(
             uncovered, min(max(CANDIDATES, len(spheres)), len(uncovered)), replace=False
         )

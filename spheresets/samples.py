@@ -1,6 +1,8 @@
 """What fits learn a solid from: labelled points and lines, drawn once and shared by the levels."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +43,20 @@ class PointSamples:
     judged: NDArray[np.float32]
     interior: Array
     depth: Array
+
+    @cached_property
+    def tree(self) -> Any:
+        """A scipy KDTree over `interior`."""
+        from scipy.spatial import KDTree
+
+        return KDTree(self.interior)
+
+    def uncovered(self, spheres: Array) -> NDArray[np.int64]:
+        """Which interior points lie in none of the spheres [n, 4]."""
+        free = np.ones(len(self.interior), bool)
+        for held in self.tree.query_ball_point(spheres[:, :3], spheres[:, 3], return_sorted=False):
+            free[held] = False
+        return np.flatnonzero(free)
 
 
 @dataclass(frozen=True)

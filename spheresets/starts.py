@@ -16,17 +16,22 @@ def greedy_start(points: PointSamples, count: int, start: int, rng: np.random.Ge
 
     Start 0 begins with the largest of all; other starts choose among fewer points and begin anywhere.
     """
+    from scipy.spatial import KDTree
+
     interior, depth = points.interior, points.depth
     if start:
         chosen = rng.choice(len(depth), min(max(START_POINTS, count), len(depth)), replace=False)
         interior, depth = interior[chosen], depth[chosen]
+    tree = KDTree(interior) if start else points.tree
     index = np.empty(count, np.int64)
-    index[0] = rng.integers(len(depth)) if start else np.argmax(depth)
-    uncovered = np.full(len(depth), np.inf)
+    best = rng.integers(len(depth)) if start else np.argmax(depth)
+    uncovered, score = (np.full(len(depth), np.inf) for _ in range(2))
     for k in range(count):
-        if k:
-            index[k] = np.argmax(np.minimum(uncovered, depth + SLACK * uncovered))
-        offset = interior - interior[index[k]]
-        gap = np.sqrt(np.einsum("nd,nd->n", offset, offset)) - depth[index[k]]
-        uncovered = np.minimum(uncovered, gap)
+        index[k] = best
+        # A ball changes only what is closer to it than the farthest point is from all balls before it.
+        near = tree.query_ball_point(interior[best], depth[best] + uncovered.max(), return_sorted=False)
+        gap = np.linalg.norm(interior[near] - interior[best], axis=1) - depth[best]
+        uncovered[near] = np.minimum(uncovered[near], gap)
+        score[near] = np.minimum(uncovered[near], depth[near] + SLACK * uncovered[near])
+        best = np.argmax(score)
     return np.column_stack([interior[index], depth[index]])
