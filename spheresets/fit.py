@@ -43,8 +43,8 @@ def fit_spheres(
         solid = Solid(mesh)
         fits = METHODS[settings.method](solid, settings, device)
         advance()
-    if not solid.closed:
-        progress.say(f"{mesh.file} is not closed: its winding number decides what is inside")
+    if report := solid.report:
+        progress.say(report)
     counts = level_counts(settings.count, settings.levels)
     fitted = [fits.fit(n, coarse=n != settings.count, progress=progress) for n in counts]
     # The hierarchy is built in file coordinates, where its containment has to hold to the last bit.

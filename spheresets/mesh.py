@@ -1,5 +1,8 @@
 """Triangle meshes: read from a file, checked, in the file's own coordinates."""
 
+import json
+import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,9 +13,16 @@ from numpy.typing import NDArray
 
 from coslobe.core.errors import CoslobeError, InvalidInput
 from coslobe.core.files import sha256
+from coslobe.spheresets.obj import read_obj
+from coslobe.spheresets.orientation import coincident
+from coslobe.spheresets.ply import read_ply
 
 SUFFIXES = (".ply", ".obj", ".stl", ".glb", ".gltf")
+UNREADABLE = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
+BLOCK = 1 << 20  # triangles at a time: bounds the memory for what is only needed for a moment
 SAMPLE_BUNNY = "sample:bunny"
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,8 @@ class Mesh:
         As given: a path, or "sample:bunny".
     sha256 : str
         Hash of the file's bytes.
+    defects : tuple of str
+        What reading had to leave out.
     """
 
     vertices: NDArray[np.float64]
@@ -38,6 +50,7 @@ class Mesh:
     normals: NDArray[np.float64]
     file: str
     sha256: str
+    defects: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -47,8 +60,9 @@ class Mesh:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Lower and upper corner of the bounding box of the triangles, [2, 3]."""
-        used = self.vertices[self.faces.reshape(-1)]
-        return np.stack([used.min(0), used.max(0)])
+        used = np.zeros(len(self.vertices), bool)
+        used[self.faces] = True
+        return np.stack([self.vertices[used].min(0), self.vertices[used].max(0)])
 
     @property
     def diagonal(self) -> float:
@@ -66,7 +80,7 @@ def load_mesh(source: str | Path) -> Mesh:
     Raises
     ------
     InvalidInput
-        The file is missing, broken or empty, or has coordinates that are not finite.
+        The file is missing, broken or empty.
     """
     if str(source) == SAMPLE_BUNNY:
         return _sample_bunny()
@@ -74,8 +88,19 @@ def load_mesh(source: str | Path) -> Mesh:
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidInput(f"{path}: not a mesh file type that can be read", f"use {', '.join(SUFFIXES)}")
     digest = sha256(path)
-    vertices, faces, normals = _triangles(path)
-    return Mesh(vertices, faces, normals, str(source), digest)
+    vertices, faces, normals, defects = _triangles(path)
+    return Mesh(vertices, faces, normals, str(source), digest, defects)
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """The slices that cut `count` triangles into blocks."""
+    for start in range(0, count, BLOCK):
+        yield slice(start, start + BLOCK)
+
+
+def counted(count: int, one: str, many: str = "", end: str = "") -> tuple[str, ...]:
+    """As in "1 hole" or "12 duplicate vertices merged"; nothing for none."""
+    return (f"{count:,} {one if count == 1 else many or one + 's'}{end}",) if count else ()
 
 
 def _sample_bunny() -> Mesh:
@@ -88,50 +113,105 @@ def _sample_bunny() -> Mesh:
             f"{SAMPLE_BUNNY}: the installed pymeshlab does not contain the bunny", "pip install pymeshlab"
         )
     digest = sha256(path)
-    vertices, faces, normals = _triangles(path)
+    vertices, faces, normals, _ = _triangles(path)
     lower, upper = vertices.min(0), vertices.max(0)
     origin = np.array([(lower[0] + upper[0]) / 2, lower[1], (lower[2] + upper[2]) / 2])
     return Mesh((vertices - origin) / (upper - lower).max(), faces, normals, SAMPLE_BUNNY, digest)
 
 
-def _triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+def _triangles(path: Path) -> tuple[Array, NDArray[np.int32], Array, tuple[str, ...]]:
+    """Vertices, faces, unit normals, and what was left out."""
+    readers = {".ply": read_ply, ".obj": read_obj}
+    try:
+        vertices, faces, normals = readers.get(path.suffix.lower(), _by_trimesh)(path)
+    except Exception as error:  # readers raise whatever their format makes them stumble over
+        reason = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
+        raise InvalidInput(f"{path}: cannot be read as a mesh ({reason})", "export the mesh again") from error
+    if not len(faces):
+        raise InvalidInput(f"{path}: holds no triangles", "export surfaces, not points or lines")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise InvalidInput(
+            f"{path}: a triangle refers to a vertex that does not exist (the file has {len(vertices)})",
+            "export the mesh again",
+        )
+    faces = faces.astype(np.int32, copy=False)
+    defects = ()
+    broken = ~np.isfinite(vertices).all(1)
+    if broken.any():
+        faces = faces[~broken[faces].any(1)]
+        first = int(np.flatnonzero(broken)[0])
+        if not len(faces):
+            raise InvalidInput(
+                f"{path}: vertex {first} is not finite ({' '.join(map(str, vertices[first]))})",
+                "remove or repair the vertex: no triangle is left without it",
+            )
+        vertices[broken] = vertices[faces[0, 0]]
+        defects = counted(int(broken.sum()), "vertex", "vertices", " not finite, left out with its triangles")
+    if not any(np.ptp(vertices[:, k][faces]) for k in range(3)):
+        raise InvalidInput(f"{path}: all triangles are one point", "export the mesh again")
+    length = np.linalg.norm(normals, axis=1)
+    missing = ~(np.isfinite(length) & (length > 0))
+    if missing.any():
+        normals[missing] = angle_weighted_normals(vertices, faces)[missing]
+        length[missing] = 1
+    normals /= length[:, None]
+    return vertices, faces, normals, defects
+
+
+def _by_trimesh(path: Path) -> tuple[Array, NDArray[np.int64], Array]:
+    """STL and glTF: vertices, faces and normals (zero where the file has none) of all nodes, put in place.
+
+    Raises
+    ------
+    ValueError
+        The file holds less than it announces, or what trimesh would leave out without a word.
+    """
     import trimesh
 
-    try:
-        # Vertices keep the file's order and count: merging would lose normals at creases.
-        scene = trimesh.load_scene(path, process=False)
-    except Exception as error:  # the readers raise whatever their format makes them stumble over
-        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise InvalidInput(f"{path}: cannot be read as a mesh ({reason})", "export the mesh again") from error
-
+    if path.suffix.lower() == ".stl":
+        _check_stl(path)
+    else:
+        _check_gltf(path)
+    # Vertices keep the file's order and count: merging would lose normals at creases.
+    scene = trimesh.load_scene(path, process=False)
     parts = [_placed(scene, node) for node in scene.graph.nodes_geometry]
     parts = [part for part in parts if part is not None]
     if not parts:
-        raise InvalidInput(f"{path}: holds no triangles", "export surfaces, not points or lines")
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3))
     offsets = np.cumsum([0] + [len(vertices) for vertices, _, _ in parts])
-    vertices = np.concatenate([vertices for vertices, _, _ in parts])
-    faces = np.concatenate([faces + offset for (_, faces, _), offset in zip(parts, offsets, strict=False)])
-    normals = np.concatenate([normals for _, _, normals in parts])
+    vertices, faces, normals = zip(*parts, strict=True)
+    faces = [part + offset for part, offset in zip(faces, offsets, strict=False)]
+    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals)
 
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        face = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(1))[0])
-        raise InvalidInput(
-            f"{path}: triangle {face} refers to a vertex that does not exist (the file has {len(vertices)})",
-            "export the mesh again",
-        )
-    broken = np.flatnonzero(~np.isfinite(vertices).all(1))
-    if broken.size:
-        raise InvalidInput(
-            f"{path}: vertex {broken[0]} is not finite ({' '.join(map(str, vertices[broken[0]]))})",
-            "remove or repair the vertex",
-        )
-    if not np.ptp(vertices[faces.reshape(-1)], axis=0).any():
-        raise InvalidInput(f"{path}: all triangles are one point", "export the mesh again")
-    missing = ~(np.isfinite(normals).all(1) & (np.linalg.norm(normals, axis=1) > 0))
-    if missing.any():
-        normals[missing] = angle_weighted_normals(vertices, faces)[missing]
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return vertices, faces.astype(np.int32), normals
+
+def _check_stl(path: Path) -> None:
+    with open(path, "rb") as file:
+        head = file.read(84)
+    size = path.stat().st_size
+    if len(head) == 84 and not head.startswith(b"solid"):
+        (count,) = struct.unpack("<I", head[80:])
+        if 84 + 50 * count != size:
+            raise ValueError(f"announces {count:,} triangles, holds {(size - 84) / 50:,.1f}")
+
+
+def _check_gltf(path: Path) -> None:
+    with open(path, "rb") as file:
+        if file.read(4) == b"glTF":
+            header = file.read(16)
+            text = file.read(struct.unpack("<I", header[8:12])[0] if len(header) == 16 else 0)
+        else:
+            text = path.read_bytes()
+    document = json.loads(text)
+    accessors = document.get("accessors", [])
+    if extra := sorted(set(document.get("extensionsRequired", [])) & UNREADABLE):
+        raise ValueError(f"is compressed with {extra[0]}; export it without")
+    for mesh in document.get("meshes", []):
+        for primitive in mesh["primitives"]:
+            if primitive.get("mode", 4) == 6:
+                raise ValueError("has a triangle fan; export triangles")
+            used = [primitive["attributes"].get("POSITION"), primitive.get("indices")]
+            if any("sparse" in accessors[k] for k in used if k is not None):
+                raise ValueError("has sparse accessors for positions or indices; export it without")
 
 
 def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None:
@@ -163,24 +243,27 @@ def _cofactors(m: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
 
 
-def angle_weighted_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+def angle_weighted_normals(vertices: Array, faces: NDArray[np.int32]) -> Array:
     """Unit normals [n, 3]: face normals averaged with the angle that each face has at the vertex.
 
     Coincident vertices share one normal. Where nothing is left (a vertex without a face, faces that cancel)
     the normal is (0, 1, 0).
     """
-    unique, index = np.unique(vertices, axis=0, return_inverse=True)
-    index = index.reshape(-1)
-    corners = index[faces]
-    p = unique[corners]
-    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
-    total = np.zeros_like(unique)
-    for k in range(3):
-        u, v = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
-        angle = np.arctan2(np.linalg.norm(np.cross(u, v), axis=1), (u * v).sum(1))
-        np.add.at(total, corners[:, k], normal * angle[:, None])
-    total[np.linalg.norm(total, axis=1) < 1e-12] = (0.0, 1.0, 0.0)
-    total /= np.linalg.norm(total, axis=1, keepdims=True)
-    return total[index]
+    place, places = coincident(vertices)
+    scale = float(np.abs(vertices).max()) or 1.0  # squares of very small or large coordinates would not fit
+    total = np.zeros((places, 3))
+    for part in blocks(len(faces)):
+        corners = place[faces[part]]
+        p = vertices[faces[part]] / scale
+        normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0)
+        for k in range(3):
+            u, v = p[:, (k + 1) % 3] - p[:, k], p[:, (k + 2) % 3] - p[:, k]
+            angle = np.arctan2(length[:, 0], (u * v).sum(1))
+            for axis in range(3):
+                total[:, axis] += np.bincount(corners[:, k], normal[:, axis] * angle, minlength=places)
+    length = np.linalg.norm(total, axis=1)
+    total[length < 1e-12] = (0.0, 1.0, 0.0)
+    total /= np.where(length < 1e-12, 1, length)[:, None]
+    return total[place]

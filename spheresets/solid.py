@@ -4,13 +4,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.core.errors import InvalidInput
-from coslobe.spheresets.mesh import Mesh
+from coslobe.spheresets.mesh import Mesh, blocks, counted
+from coslobe.spheresets.orientation import study
 
 FIRST_RAYS = 3
 MORE_RAYS = 13
 CHECKED, CHECK_RAYS = 500, 128
 LEAST_VOLUME = 1e-10  # of a closed mesh
 BLOCK = 1 << 19  # rays per call: bounds the memory for their intersections
+BESIDE = 1e-4  # from the surface to points that stand for one side of it
+LOOKS, MOST_LOOKS = 20_000, 200_000  # points from which both sides of the surface look out
+EVIDENT = 0.1  # of the looks from one side escape, less those from the other
+PROBES = 2000
+NOTED = 0.005  # share of the surface that is worth a word
 
 Points = NDArray[np.float64]
 
@@ -24,8 +30,11 @@ class Solid:
     A point is inside where the generalised winding number (Jacobson et al. 2013) exceeds 1/2 in absolute
     value. It is the mean over directions of the signed number of surfaces that a ray leaves through, here
     estimated from a few rays and, where those disagree, from more. Small holes therefore do not matter,
-    overlapping shells count as solid, and a mesh turned inside out is the same solid. Where triangles are
-    not oriented consistently, signs mean nothing, and the parity of the crossings votes instead.
+    overlapping shells count as solid, and a mesh turned inside out is the same solid.
+
+    Signs need triangles that agree about which side is out. Within a connected part neighbours decide
+    (`orientation.study`); of several parts, each is turned so that out is the side from which rays escape
+    (after Takayama et al. 2014). A part that hides in others stays as it is: turned inwards, it is a cavity.
 
     Attributes
     ----------
@@ -33,12 +42,13 @@ class Solid:
         The mesh's file, for messages.
     vertices : float64 [n, 3]
     faces : int32 [m, 3]
+        In the order and orientation of the file.
+    areas : float64 [m]
+        Zero for copies of other triangles.
     lower, upper : float64 [3]
         Corners of the bounding box.
     center, size
         File coordinates are `center + size * unit coordinates`.
-    oriented, closed : bool
-        Whether neighbouring triangles agree about which side is out; whether there is also no open edge.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -51,26 +61,94 @@ class Solid:
         self.vertices = (mesh.vertices - self.center) / self.size
         self.faces = mesh.faces
         self.lower, self.upper = (lower - self.center) / self.size, (upper - self.center) / self.size
-        corners = self.vertices[self.faces]
-        self._cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self.areas = np.linalg.norm(self._cross, axis=1) / 2
+        self._cross = np.empty(self.faces.shape, np.float32)
+        for part in blocks(len(self.faces)):
+            a, b, c = (self.vertices[self.faces[part, k]] for k in range(3))
+            self._cross[part] = np.cross(b - a, c - a)
+        self.areas = np.linalg.norm(self._cross, axis=1).astype(np.float64) / 2
         if not self.areas.any():
             raise InvalidInput(f"{mesh.file}: all triangles have zero area", "export surfaces, not lines")
-        self.oriented, self.closed = _orientation(self.vertices, self.faces)
         self._tensor = open3d.core.Tensor.from_numpy
         self._scene = open3d.t.geometry.RaycastingScene()
         self._scene.add_triangles(
-            self._tensor(self.vertices.astype(np.float32)), self._tensor(self.faces.astype(np.uint32))
+            self._tensor(self.vertices.astype(np.float32)), self._tensor(self.faces.view(np.uint32))
         )
+        self._defects = mesh.defects
+        self._surface = study(self.vertices, self.faces, self.areas)
+        self.areas[self._surface.turn == 0] = 0
+        self._cross *= self._surface.turn[:, None]
+        turned = self._surface.turn < 0
+        over = self._inside_out()
+        self._cross[over] *= -1
+        self._turned = int((turned ^ over).sum())
+
+    def _inside_out(self) -> NDArray[np.bool_]:
+        """Triangles [m] of the parts that the other side is out of."""
+        _, part = np.unique(self._surface.part, return_inverse=True)
+        area, volume = (np.bincount(part, weights) for weights in (self.areas, self._volumes()))
+        same = (volume > 0).all() or (volume < 0).all()  # then the winding number needs no help
+        if len(area) == 1 or (self._surface.closed and same):
+            return np.zeros(len(part), bool)
+        rng = np.random.default_rng(0)
+        # Half of the looks go to all parts alike, however small.
+        share = self.areas * (1 / area.sum() + 1 / (len(area) * np.maximum(area, 1e-30))[part])
+        count = min(max(LOOKS, 16 * len(area)), MOST_LOOKS)
+        points, face = self._sample(count, share, rng)
+        normals = self._cross[face] / np.linalg.norm(self._cross[face], axis=1, keepdims=True)
+        spread = rng.normal(size=points.shape)
+        spread /= np.linalg.norm(spread, axis=1, keepdims=True)
+        escapes = np.zeros(len(points))
+        for side in (1, -1):
+            out = side * normals
+            escapes += side * ~self.occluded(points + BESIDE * out, out + spread, np.inf)
+        balance = np.bincount(part[face], escapes, minlength=len(area))
+        looks = np.bincount(part[face], minlength=len(area))
+        over = np.where(np.abs(balance) > EVIDENT * looks, balance < 0, balance.sum() < 0)
+        return over[part]
+
+    def _volumes(self) -> NDArray[np.float64]:
+        """Signed volumes [m] of the cones from the origin to each triangle."""
+        return np.einsum("nd,nd->n", self.vertices[self.faces[:, 0]], self._cross) / 6
+
+    @property
+    def report(self) -> str:
+        """What was found that is not as it should be, and what was done about it; empty where all is well."""
+        surface = self._surface
+        found = [
+            *self._defects,
+            *counted(surface.holes, "hole"),
+            *counted(surface.merged, "duplicate vertex", "duplicate vertices", " merged"),
+            *counted(int((surface.turn == 0).sum()), "useless triangle", end=" left out"),
+            *counted(surface.crowded, "edge", end=" with more than two triangles"),
+            *counted(self._turned, "triangle", end=" turned over"),
+            *(counted(surface.shells, "shell") if surface.shells > 1 else ()),
+        ]
+        if surface.closed and self._volumes().sum() < 0:
+            found.append("inside out")
+        points, face = self._sample(PROBES, self.areas, np.random.default_rng(0))
+        offset = self._cross[face] / np.linalg.norm(self._cross[face], axis=1, keepdims=True) * BESIDE
+        sides = self.inside(points + offset).astype(int) + self.inside(points - offset)
+        for state, what in ((2, "within the solid"), (0, "without thickness, which gets no spheres")):
+            share = float((sides == state).mean())
+            if share > NOTED:
+                found.append(f"{share:.0%} of the surface {what}")
+        return f"{self.name}: {', '.join(found)}; inside by winding number" if found else ""
 
     def sample_surface(self, count: int, rng: np.random.Generator) -> Points:
         """Points [count, 3] uniform by area, one in each of `count` equal shares of it in file order."""
-        ends = np.cumsum(self.areas)
+        return self._sample(count, self.areas, rng)[0]
+
+    def _sample(
+        self, count: int, weights: NDArray[np.float64], rng: np.random.Generator
+    ) -> tuple[Points, NDArray[np.int64]]:
+        """Points [count, 3] on triangles chosen by weight, and these triangles."""
+        ends = np.cumsum(weights)
         share = (np.arange(count) + rng.random(count)) / count
-        face = np.searchsorted(ends, share * ends[-1], side="right").clip(max=len(ends) - 1)
+        last = np.searchsorted(ends, ends[-1])  # what follows has no weight
+        face = np.searchsorted(ends, share * ends[-1], side="right").clip(max=last)
         root, v = np.sqrt(rng.random(count)), rng.random(count)
-        weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
-        return np.einsum("nk,nkd->nd", weights, self.vertices[self.faces[face]])
+        corner_weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
+        return np.einsum("nk,nkd->nd", corner_weights, self.vertices[self.faces[face]]), face
 
     def inside(self, points: Points) -> NDArray[np.bool_]:
         """Which of the points [n, 3] are in the solid."""
@@ -91,24 +169,22 @@ class Solid:
         """
         if not len(points):
             return False
-        if self.closed:
-            a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
-            return abs(np.einsum("nd,nd->", a, np.cross(b, c))) / 6 > LEAST_VOLUME
+        if self._surface.closed:
+            return abs(float(self._volumes().sum())) > LEAST_VOLUME
         some = points[:: len(points) // CHECKED + 1]
         total = np.sum([self._crossings(some, w) for w in _directions(CHECK_RAYS)], axis=0)
         return bool(np.mean(np.abs(total) > 0.6 * CHECK_RAYS) > 0.05)
 
     def _crossings(self, points: Points, direction: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Surfaces that each ray leaves through, signed; without orientation their parity."""
-        sign = np.sign(self._cross @ direction) if self.oriented else np.ones(len(self.faces))
+        """Surfaces that each ray leaves through, less those that it enters through."""
+        sign = np.sign(self._cross @ direction.astype(np.float32))
         counts = []
         for start in range(0, len(points), BLOCK):
             rays = _rays(points[start : start + BLOCK], direction)
             hits = self._scene.list_intersections(self._tensor(rays))
             ray, face = hits["ray_ids"].numpy(), hits["primitive_ids"].numpy()
             counts.append(np.bincount(ray.astype(np.int64), sign[face], minlength=len(rays)))
-        total = np.concatenate(counts) if counts else np.zeros(0)
-        return total if self.oriented else total % 2
+        return np.concatenate(counts) if counts else np.zeros(0)
 
     def distance(self, points: Points) -> NDArray[np.float64]:
         """Distance [n] of each point to the surface, on either side."""
@@ -144,16 +220,3 @@ def _directions(count: int) -> NDArray[np.float64]:
 def _rays(origins: Points, directions: NDArray[np.float64]) -> NDArray[np.float32]:
     origins, directions = np.broadcast_arrays(origins, directions)
     return np.concatenate([origins, directions], axis=1, dtype=np.float32)
-
-
-def _orientation(vertices: Points, faces: NDArray[np.int32]) -> tuple[bool, bool]:
-    """Whether the two triangles at an edge run along it in opposite directions, and each edge has two."""
-    corners = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces].astype(np.int64)
-    start, end = corners.reshape(-1), np.roll(corners, -1, axis=1).reshape(-1)
-    proper = start != end  # triangles with coincident corners have no such edge
-    start, end = start[proper], end[proper]
-    edge = np.minimum(start, end) * (corners.max() + 1) + np.maximum(start, end)
-    _, edge = np.unique(edge, return_inverse=True)
-    balance = np.bincount(edge.reshape(-1), np.where(start < end, 1, -1))
-    uses = np.bincount(edge.reshape(-1))
-    return bool((np.abs(balance) == uses % 2).all()), bool((balance == 0).all())

@@ -130,7 +130,7 @@ BROKEN = {
         b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
         b"element face 1\nproperty list uchar int vertex_indices\nend_header\n"
         b"0 0 0\n1 0 0\n0 1 0\n3 0 1 7\n",
-        "triangle 0 refers to a vertex that does not exist",
+        "refers to vertex 7, but the file has 3",
     ),
 }
 
