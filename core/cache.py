@@ -16,6 +16,8 @@ import platformdirs
 
 from coslobe.core.files import plain
 
+_stand_ins: list[Path] = []  # temporary folders in place of some that cannot be written
+
 
 def folder() -> Path:
     """The cache folder: `$COSLOBE_CACHE_DIR`, else `coslobe` in the user's cache; made if it is missing.
@@ -24,6 +26,11 @@ def folder() -> Path:
     """
     chosen = os.environ.get("COSLOBE_CACHE_DIR")
     return _writable(chosen) if chosen else _writable(str(user_folder() / "coslobe"))
+
+
+def lasting() -> bool:
+    """Whether entries of the cache are still there in the next run."""
+    return not any(folder().is_relative_to(path) for path in _stand_ins)
 
 
 def user_folder() -> Path:
@@ -48,6 +55,7 @@ def _writable(chosen: str) -> Path:
             pass
     except OSError as error:
         path = Path(tempfile.mkdtemp(prefix="coslobe-cache-"))
+        _stand_ins.append(path)
         atexit.register(shutil.rmtree, path, ignore_errors=True)
         warnings.warn(
             f"cache folder {chosen} cannot be written ({error.strerror}): nothing will be kept for the next "

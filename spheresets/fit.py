@@ -2,6 +2,7 @@
 
 import hashlib
 import time
+import warnings
 from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from coslobe.core import cache
 from coslobe.core.device import Device
-from coslobe.core.errors import InvalidInput
+from coslobe.core.errors import CoslobeError, InvalidInput
 from coslobe.core.progress import SILENT, Progress
 from coslobe.spheresets.balanced import Balanced
 from coslobe.spheresets.files import SUFFIX, read_spheres, write_spheres
@@ -81,12 +82,13 @@ def cached_spheres(
     try:
         tree = replace(read_spheres(path), mesh=_info(mesh))
     except InvalidInput:  # not there yet, or damaged
-        progress.say(f"fitting {settings.count} spheres to {mesh.file} (kept for next time)")
+        kept = " (kept for next time)" if cache.lasting() else ""
+        progress.say(f"fitting {settings.count} spheres to {mesh.file}{kept}")
         tree = fit_spheres(mesh, settings, device=device, progress=progress)
-        write_spheres(path, tree)
+        _keep(path, tree)
     if metrics and not tree.metrics:
         tree = replace(tree, metrics=measure(Solid(mesh), tree.finest, device, progress))
-        write_spheres(path, tree)
+        _keep(path, tree)
     return tree
 
 
@@ -95,6 +97,14 @@ def cache_file(mesh: Mesh, settings: FitSettings, *, device: Device) -> Path:
     code = cache.code_digest("spheresets", "spheresets.kernels")  # a changed recipe finds nothing
     key = cache.digest(code, _geometry(mesh), asdict(settings), _identity(device))
     return cache.entry("spheres", key, SUFFIX)
+
+
+def _keep(path: Path, tree: SphereTree) -> None:
+    """Store a tree; a full cache must not cost a finished fit."""
+    try:
+        write_spheres(path, tree)
+    except CoslobeError as error:
+        warnings.warn(f"{error}: the spheres are not kept for next time", stacklevel=3)
 
 
 def _to_file(solid: Solid, spheres: NDArray[np.float64]) -> NDArray[np.float64]:

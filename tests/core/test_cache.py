@@ -22,6 +22,7 @@ def unwritable(tmp_path):
 def test_environment_variable_names_the_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("COSLOBE_CACHE_DIR", str(tmp_path / "mine"))
     assert cache.folder() == tmp_path / "mine"
+    assert cache.lasting()
     path = cache.entry("spheres", "abc", ".json")
     assert path == tmp_path / "mine" / "spheres" / "abc.json"
     assert path.parent.is_dir()
@@ -42,6 +43,7 @@ def test_unwritable_folder_falls_back_with_one_warning(unwritable, monkeypatch):
     assert str(unwritable) in str(caught[0].message)
     assert folders == folders[:1] * 3
     (folders[0] / "probe").write_text("")
+    assert not cache.lasting()
 
 
 def test_unwritable_user_cache_is_replaced_for_libraries_too(unwritable, monkeypatch):
@@ -54,6 +56,7 @@ def test_unwritable_user_cache_is_replaced_for_libraries_too(unwritable, monkeyp
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert cache.folder() == folder
+        assert not cache.lasting()
 
 
 values = st.recursive(

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from coslobe.core.errors import UsageError
+from coslobe.core.errors import CoslobeError, UsageError
 from coslobe.core.progress import Progress
 from coslobe.spheresets.files import read_spheres, write_spheres
 from coslobe.spheresets.fit import cached_spheres, fit_spheres
@@ -125,3 +125,23 @@ def test_a_damaged_cache_entry_is_replaced(ball_file, one_device):
         path.write_text("{")
     again = cached_spheres(mesh, FitSettings(1), device=one_device)
     np.testing.assert_array_equal(first.finest.centers, again.finest.centers)
+
+
+def test_nothing_is_said_to_be_kept_where_it_is_not(ball_file, one_device, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("COSLOBE_CACHE_DIR", str(tmp_path / "file" / "cache"))
+    listener = Listener()
+    with pytest.warns(UserWarning, match="cannot be written"):
+        cached_spheres(load_mesh(ball_file), FitSettings(1), device=one_device, progress=listener)
+    assert not any("kept" in line for line in listener.lines)
+
+
+def test_a_full_cache_does_not_cost_the_fit(ball_file, one_device, tmp_path, monkeypatch):
+    def full(*_):
+        raise CoslobeError("a.spheres.json: cannot be written (No space left on device)")
+
+    monkeypatch.setenv("COSLOBE_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr("coslobe.spheresets.fit.write_spheres", full)
+    with pytest.warns(UserWarning, match="No space left on device.*not kept for next time"):
+        tree = cached_spheres(load_mesh(ball_file), FitSettings(1), device=one_device)
+    assert tree.finest.count == 1
