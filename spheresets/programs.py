@@ -8,11 +8,11 @@ from coslobe.core.device import Device
 
 
 def kernels(
-    device: Device, unit: str, names: Sequence[str], defines: Mapping[str, int | float | str]
+    device: Device, units: Sequence[str], names: Sequence[str], defines: Mapping[str, int | float | str]
 ) -> dict[str, Any]:
-    """Kernels of `kernels/<unit>` built for `device`, by name; every call gives kernels of its own."""
+    """Kernels of the files `kernels/<unit>` in order, built for `device`; every call gives its own."""
     from pyopencl import Kernel
 
-    source = (files("coslobe.spheresets") / "kernels" / unit).read_text()
-    program = device.build([(unit, source)], defines)
+    folder = files("coslobe.spheresets") / "kernels"
+    program = device.build([(unit, (folder / unit).read_text()) for unit in units], defines)
     return {name: Kernel(program, name) for name in names}

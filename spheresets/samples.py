@@ -1,4 +1,4 @@
-"""What fits learn a solid from: labelled points and lines, drawn once and shared by the levels."""
+"""Points and which of them are in a solid: what fits learn it from, drawn once and shared by the levels."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.core.errors import InvalidInput
-from coslobe.spheresets.directions import frames
 from coslobe.spheresets.soft_union import CHUNK
 from coslobe.spheresets.solid import Solid
 
@@ -19,7 +18,6 @@ NEAR_BATCHES = (8, 7)  # surface points with the smaller and the larger noise
 BOX_BATCHES = 5
 MARGIN = 0.035  # of the box for uniform points
 JUDGED = 0.35  # share of the points over which exchanges are judged
-LINES = 100_000
 
 
 @dataclass(frozen=True)
@@ -59,21 +57,6 @@ class PointSamples:
         return np.flatnonzero(free)
 
 
-@dataclass(frozen=True)
-class LineSamples:
-    """Isotropic random lines, uniform through the box's circumsphere, and which of them hit the solid.
-
-    Attributes
-    ----------
-    origins, directions : float64 [n, 3]
-    hit : bool [n]
-    """
-
-    origins: Array
-    directions: Array
-    hit: NDArray[np.bool_]
-
-
 def draw_points(
     solid: Solid, noise: tuple[float, float], scale: int, interior: int, rng: np.random.Generator
 ) -> PointSamples:
@@ -109,17 +92,6 @@ def draw_points(
     chosen = np.flatnonzero(inside)
     chosen = np.sort(rng.choice(chosen, min(interior, len(chosen)), replace=False))
     return PointSamples(batches, judged, points[chosen], solid.distance(points[chosen]))
-
-
-def draw_lines(solid: Solid, rng: np.random.Generator) -> LineSamples:
-    """Lines under which the mean projected area of any shape in the box is its share of hits."""
-    directions = rng.normal(size=(LINES, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    s, t = frames(directions)
-    radius = 0.5 * np.sqrt(rng.random((LINES, 1)))
-    angle = 2 * np.pi * rng.random((LINES, 1))
-    origins = radius * (np.cos(angle) * s + np.sin(angle) * t)
-    return LineSamples(origins, directions, solid.occluded(origins - directions, directions, np.inf))
 
 
 def _morton(points: Array) -> NDArray[np.int64]:

@@ -8,58 +8,22 @@ the log-sum-exp soft union. Loss: binary cross-entropy of S / (1 + S) with "p is
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.core.device import Device
+from coslobe.spheresets.descent import Target
 from coslobe.spheresets.programs import kernels
+from coslobe.spheresets.soft import CUTOFF, defines, odds
 
-CUTOFF = 8.0  # in tau: spheres farther than this from a point do not count there
 BACKGROUND = float(np.exp(-CUTOFF))  # keeps the loss finite where nothing covers a point
-DEEPEST = 30.0  # in tau: deeper points count as this deep
-SMALLEST = 1e-5  # radius
-BETA1, BETA2 = 0.9, 0.99  # decay of Adam's moments
 CHUNK = 128  # points per work-item
 SCRATCH_ENTRIES = 1 << 23  # of 4 bytes, per scratch buffer
 
 Array = NDArray[np.float64]
 Odds = tuple[NDArray[np.float32], NDArray[np.float32]]
-
-
-@dataclass
-class State:
-    """Spheres under optimisation with Adam's moments.
-
-    Attributes
-    ----------
-    spheres, mean, square : float32 [n, 4] (float64 in the twins)
-        Center and radius, and the running first and second moment of their gradient.
-    step : int
-        Steps done.
-    """
-
-    spheres: NDArray[np.floating]
-    mean: NDArray[np.floating]
-    square: NDArray[np.floating]
-    step: int = 0
-
-    @classmethod
-    def start(cls, spheres: Array) -> "State":
-        """At rest at `spheres` [n, 4]."""
-        start = spheres.astype(np.float32)
-        return cls(start, np.zeros_like(start), np.zeros_like(start))
-
-    def keep(self, index: NDArray[np.int64]) -> None:
-        """Drop all spheres that `index` does not name."""
-        self.spheres, self.mean, self.square = (a[index] for a in (self.spheres, self.mean, self.square))
-
-    def replace(self, index: NDArray[np.int64], spheres: Array) -> None:
-        """Put new spheres [k, 4] in the place of old ones; they start at rest."""
-        self.spheres[index] = spheres
-        self.mean[index] = 0
-        self.square[index] = 0
 
 
 class SoftUnion:
@@ -81,43 +45,20 @@ class SoftUnion:
         self._batch_size = batches.shape[2]
         self._judged = device.upload(judged)
         self._n_judged = judged.shape[1]
-        defines = {
-            "WIDTH": device.info.vector_width,
-            "CHUNK": CHUNK,
-            "CUTOFF": CUTOFF,
-            "BACKGROUND": BACKGROUND,
-            "DEEPEST": DEEPEST,
-            "SMALLEST": SMALLEST,
-            "BETA1": BETA1,
-            "BETA2": BETA2,
-        }
-        names = ("gradient", "adam", "total_odds", "exchange")
-        self._kernels = kernels(device, "soft_union.cl", names, defines)
+        self.rows = self._batch_size // CHUNK
+        constants = {**defines(device), "CHUNK": CHUNK, "BACKGROUND": BACKGROUND}
+        units, names = ("soft.cl", "soft_union.cl"), ("gradient", "total_odds", "exchange")
+        self._kernels = kernels(device, units, names, constants)
 
-    def descend(self, state: State, taus: Array, rates: Array) -> float:
-        """One step of Adam per entry of `taus` and `rates`; returns the mean loss of the last step."""
-        device, n = self._device, len(state.spheres)
-        chunks = self._batch_size // CHUNK
-        buffers = [device.upload(a) for a in (state.spheres, state.mean, state.square)]
-        spheres, mean, square = buffers
-        near, partial, losses = (
-            device.allocate(size) for size in (4 * chunks * n, 16 * chunks * n, 4 * chunks)
-        )
-        i32, f32 = np.int32, np.float32
-        for tau, rate in zip(taus, rates, strict=True):
-            points = self._batches[state.step % len(self._batches)]
-            state.step += 1
-            device.launch(
-                self._kernels["gradient"], chunks, 1,
-                points, i32(self._batch_size), spheres, i32(n), f32(tau), near, partial, losses,
-            )  # fmt: skip
-            device.launch(
-                self._kernels["adam"], n, None,
-                partial, i32(chunks), i32(n), f32(self._batch_size), i32(state.step), f32(rate),
-                mean, square, spheres,
-            )  # fmt: skip
-        state.spheres, state.mean, state.square = (device.download(b, (n, 4), f32) for b in buffers)
-        return float(device.download(losses, (chunks,), f32).astype(np.float64).sum() / self._batch_size)
+    def gradient(
+        self, step: int, spheres: Any, n: int, tau: float, weight: float, target: Target, row: int
+    ) -> None:
+        """See `descent.Loss`."""
+        self._device.launch(
+            self._kernels["gradient"], self.rows, 1,
+            self._batches[step % len(self._batches)], np.int32(self._batch_size), spheres, np.int32(n),
+            np.float32(tau), np.float32(weight / self._batch_size), np.int32(row), *target,
+        )  # fmt: skip
 
     def odds(self, spheres: NDArray[np.floating], tau: float) -> Odds:
         """S at the judged points, and S without its largest term, [m] each."""
@@ -161,8 +102,7 @@ class SoftUnion:
 def sphere_odds(points: Array, spheres: Array, tau: float) -> Array:
     """e_i [m, n] of points [m, 3] and spheres [n, 4]; 0 beyond CUTOFF tau."""
     d = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2)
-    z = (spheres[:, 3] - d) / tau
-    return np.where(z > -CUTOFF, np.exp(np.minimum(z, DEEPEST)), 0.0)
+    return odds(d, spheres[:, 3], tau)
 
 
 def cross_entropy(S: Array, inside: Array) -> Array:
@@ -180,16 +120,6 @@ def loss_and_gradient(points: Array, inside: Array, spheres: Array, tau: float) 
     g = slope[:, None] * e / tau
     gradient = np.concatenate([np.einsum("mn,mnd->nd", g, unit), g.sum(0)[:, None]], axis=1) / len(points)
     return cross_entropy(S, inside), gradient
-
-
-def adam(state: State, gradient: Array, rate: float) -> State:
-    """One step of Adam (Kingma and Ba 2015)."""
-    step = state.step + 1
-    mean = BETA1 * state.mean + (1 - BETA1) * gradient
-    square = BETA2 * state.square + (1 - BETA2) * gradient**2
-    spheres = state.spheres - rate * (mean / (1 - BETA1**step)) / (np.sqrt(square / (1 - BETA2**step)) + 1e-8)
-    spheres[:, 3] = np.maximum(spheres[:, 3], SMALLEST)
-    return State(spheres, mean, square, step)
 
 
 def total_odds(points: Array, spheres: Array, tau: float) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ class Union:
 
     def __init__(self, device: Device, spheres: Array) -> None:
         self._device = device
-        self._kernels = kernels(device, "union.cl", ("points", "lines", "caps"), {})
+        self._kernels = kernels(device, ("union.cl",), ("points", "lines", "caps"), {})
         self._spheres = device.upload(spheres.astype(np.float32))
         self._n = len(spheres)
 

@@ -1,5 +1,5 @@
 // The soft union of spheres and its binary cross-entropy against a solid: loss, gradient, and what the loss
-// becomes with one sphere less or one more. Lengths are in unit coordinates (bounding-box diagonal 1).
+// becomes with one sphere less or one more. Follows soft.cl.
 //
 // The occupancy odds of a point p are S = BACKGROUND + sum over i of e_i, e_i = exp((r_i - |p - c_i|) / tau):
 // log S is the log-sum-exp soft union, S / (1 + S) the probability of being inside.
@@ -8,21 +8,7 @@
 // and writes its own row of `partial`: sums are taken in a fixed order, so results do not depend on timing.
 // Host side: soft_union.py, with the float64 twin of every function here.
 
-#define CAT_(a, b) a##b
-#define CAT(a, b) CAT_(a, b)
-typedef CAT(float, WIDTH) vf;
-typedef CAT(int, WIDTH) vi;
-#define load CAT(vload, WIDTH)
-#define store CAT(vstore, WIDTH)
 #define VECTORS (CHUNK / WIDTH)
-
-float sum_lanes(vf v) {
-    float lanes[WIDTH];
-    store(v, 0, lanes);
-    float sum = 0.0f;
-    for (int i = 0; i < WIDTH; i++) sum += lanes[i];
-    return sum;
-}
 
 // The points of one chunk: x, y, z are rows of `points` [4][n], the last row says inside (1) or outside (0).
 typedef struct {
@@ -33,9 +19,6 @@ Chunk chunk_of(__global const float *points, int n, int chunk) {
     __global const float *first = points + chunk * CHUNK;
     return (Chunk){first, first + n, first + 2 * n, first + 3 * n};
 }
-
-// Distance beyond which a sphere does not count.
-float reach(float4 sphere, float tau) { return fmax(sphere.w + CUTOFF * tau, 0.0f); }
 
 // Lists the spheres that reach the chunk's box; returns how many.
 int collect(Chunk c, __global const float4 *spheres, int n_spheres, float tau, __global int *near) {
@@ -55,33 +38,22 @@ int collect(Chunk c, __global const float4 *spheres, int n_spheres, float tau, _
     return count;
 }
 
-// e_i of one vector of points, 0 beyond the sphere's reach; *touched says whether any lane is within.
-// Depths beyond DEEPEST tau count as DEEPEST, which keeps the odds within float32.
-vf odds(vf dx, vf dy, vf dz, float4 sphere, float tau, bool *touched) {
-    const vf d2 = dx * dx + dy * dy + dz * dz;
-    const float far = reach(sphere, tau);
-    const vi within = d2 < far * far;
-    *touched = any(within);
-    if (!*touched) return (vf)(0.0f);
-    const vf e = exp(fmin((sphere.w - sqrt(d2)) / tau, DEEPEST));
-    return select((vf)(0.0f), e, within);
-}
-
 // Binary cross-entropy of odds S.
 vf cross_entropy(vf S, vf inside) { return log(1.0f + S) - inside * log(S); }
 
-// partial[chunk][sphere] = gradient of the loss summed over the chunk with respect to (center, radius);
-// losses[chunk] = loss summed over the chunk. near: scratch [chunks][n_spheres].
+// partial[row][sphere] = `weight` times the gradient of the loss, summed over a chunk, with respect to (center,
+// radius); losses[row] = `weight` times that sum. Chunk 0 has the row `first_row`. near: scratch
+// [rows][n_spheres].
 __kernel void gradient(__global const float *points, int n_points, __global const float4 *spheres,
-                       int n_spheres, float tau, __global int *near, __global float4 *partial,
-                       __global float *losses) {
-    const int chunk = get_global_id(0);
+                       int n_spheres, float tau, float weight, int first_row, __global int *near,
+                       __global float4 *partial, __global float *losses) {
+    const int chunk = get_global_id(0), row = first_row + chunk;
     const Chunk c = chunk_of(points, n_points, chunk);
-    near += chunk * n_spheres;
-    partial += chunk * n_spheres;
+    near += row * n_spheres;
+    partial += row * n_spheres;
     const int n_near = collect(c, spheres, n_spheres, tau, near);
 
-    vf slope[VECTORS]; // d loss / d S
+    vf slope[VECTORS]; // weighted d loss / d S
     vf loss = 0.0f;
     bool touched;
     for (int v = 0; v < VECTORS; v++) {
@@ -92,9 +64,9 @@ __kernel void gradient(__global const float *points, int n_points, __global cons
             S += odds(x - sphere.x, y - sphere.y, z - sphere.z, sphere, tau, &touched);
         }
         loss += cross_entropy(S, inside);
-        slope[v] = 1.0f / (1.0f + S) - inside / S;
+        slope[v] = weight * (1.0f / (1.0f + S) - inside / S);
     }
-    losses[chunk] = sum_lanes(loss);
+    losses[row] = weight * sum_lanes(loss);
 
     for (int s = 0; s < n_spheres; s++) partial[s] = (float4)(0.0f);
     for (int k = 0; k < n_near; k++) {
@@ -113,22 +85,6 @@ __kernel void gradient(__global const float *points, int n_points, __global cons
         }
         partial[near[k]] = (float4)(sum_lanes(gx), sum_lanes(gy), sum_lanes(gz), sum_lanes(gr)) / tau;
     }
-}
-
-// One step of Adam (Kingma and Ba 2015) on the mean gradient. mean and square: running moments, `step` counts
-// from 1. Radii stay above SMALLEST.
-__kernel void adam(__global const float4 *partial, int n_chunks, int n_spheres, float n_points, int step,
-                   float rate, __global float4 *mean, __global float4 *square, __global float4 *spheres) {
-    const int s = get_global_id(0);
-    float4 g = 0.0f;
-    for (int chunk = 0; chunk < n_chunks; chunk++) g += partial[chunk * n_spheres + s];
-    g /= n_points;
-    const float4 m = mean[s] = BETA1 * mean[s] + (1.0f - BETA1) * g;
-    const float4 v = square[s] = BETA2 * square[s] + (1.0f - BETA2) * g * g;
-    const float4 m_hat = m / (1.0f - pown(BETA1, step)), v_hat = v / (1.0f - pown(BETA2, step));
-    float4 sphere = spheres[s] - rate * m_hat / (sqrt(v_hat) + 1e-8f);
-    sphere.w = fmax(sphere.w, SMALLEST);
-    spheres[s] = sphere;
 }
 
 // The next two kernels start at chunk `first`; their scratch and partial sums have a row per work-item.

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from coslobe.spheresets import soft_union, union
+from coslobe.spheresets import descent, soft_lines, soft_union, union
+from coslobe.spheresets.descent import Descent, State
 from coslobe.spheresets.directions import fibonacci_sphere
-from coslobe.spheresets.soft_union import CUTOFF, SoftUnion, State
+from coslobe.spheresets.soft import CUTOFF
+from coslobe.spheresets.soft_lines import BUNDLE, BUNDLES, SoftLines
+from coslobe.spheresets.soft_union import SoftUnion
 from coslobe.spheresets.union import Union
 
 TAU = 0.01
@@ -32,9 +35,10 @@ def on_device(device, points, inside) -> SoftUnion:
 def test_a_step_of_descent(device, count):
     spheres, points, inside = spheres_and_points(count)
     state = State.start(spheres)
-    loss = on_device(device, points, inside).descend(state, np.array([TAU]), np.array([1e-3]))
+    union = on_device(device, points, inside)
+    loss = Descent(device, (union, 1.0)).run(state, np.array([TAU]), np.array([1e-3]))
     losses, gradient = soft_union.loss_and_gradient(points, inside, spheres, TAU)
-    expected = soft_union.adam(State.start(spheres), gradient, 1e-3)
+    expected = descent.adam(State.start(spheres), gradient, 1e-3)
     assert loss == pytest.approx(losses.mean(), rel=1e-5)
     # the first moment after one step is a tenth of the gradient; sums of 1024 float32 terms of either sign
     scale = np.abs(gradient).max()
@@ -48,13 +52,13 @@ def test_a_step_of_descent(device, count):
 def test_many_steps_of_adam(device):
     """Moments and bias corrections over steps, against the twin driven by the device's own gradients."""
     spheres, points, inside = spheres_and_points(5)
-    kernels = on_device(device, points, inside)
+    on_points = Descent(device, (on_device(device, points, inside), 1.0))
     state = State.start(spheres)
     for _ in range(4):
         before = State(state.spheres.copy(), state.mean.copy(), state.square.copy(), state.step)
-        kernels.descend(state, np.array([TAU]), np.array([1e-3]))
-        gradient = (state.mean - soft_union.BETA1 * before.mean) / (1 - soft_union.BETA1)
-        expected = soft_union.adam(before, gradient, 1e-3)
+        on_points.run(state, np.array([TAU]), np.array([1e-3]))
+        gradient = (state.mean - descent.BETA1 * before.mean) / (1 - descent.BETA1)
+        expected = descent.adam(before, gradient, 1e-3)
         np.testing.assert_allclose(state.square, expected.square, rtol=1e-4, atol=1e-12)
         np.testing.assert_allclose(state.spheres, expected.spheres, atol=2e-6)
     assert state.step == 4
@@ -111,6 +115,67 @@ def test_an_exchange_is_the_difference_of_two_losses():
         # removal cancels S - e in float64: 1e-16 of odds up to e^12
         assert removal[k] == pytest.approx(loss(np.delete(spheres, k, 0)) - loss(spheres), rel=1e-6)
     assert insertion[0] == pytest.approx(-removal[3], rel=1e-6)
+
+
+def spheres_and_bundles(count: int, seed: int = 0):
+    """Spheres [count, 4], and 32 bundles of lines of many widths with labels; none is next to a cutoff."""
+    rng = np.random.default_rng(seed)
+    spheres = np.column_stack([rng.normal(0, 0.15, (count, 3)), rng.uniform(0.02, 0.08, count)])
+    spheres = spheres.astype(np.float32).astype(np.float64)
+    middle, spread = rng.normal(size=(400, 1, 3)), np.geomspace(1e-3, 0.3, 400)[:, None, None]
+    directions = middle / np.linalg.norm(middle, axis=2, keepdims=True)
+    directions = directions + spread * rng.uniform(-1, 1, (400, BUNDLE, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    origins = rng.normal(0, 0.15, (400, 1, 3)) + spread * rng.uniform(-0.1, 0.1, (400, BUNDLE, 3))
+    lines = np.concatenate([origins, directions], axis=2).astype(np.float32).astype(np.float64)
+    offset = lines[:, :, None, :3] - spheres[:, :3]
+    d = np.linalg.norm(np.cross(offset, lines[:, :, None, 3:]), axis=3)
+    clear = (np.abs((spheres[:, 3] - d) / TAU + CUTOFF) > EDGE).all((1, 2))
+    lines = lines[clear][:: clear.sum() // 32][:32].reshape(-1, 6)
+    return spheres, lines[:, :3], lines[:, 3:], (rng.random(len(lines)) < 0.5).astype(float)
+
+
+@pytest.mark.parametrize("count", [1, 3, 64, 200])
+def test_a_step_of_descent_on_lines(device, count):
+    spheres, origins, directions, hit = spheres_and_bundles(count)
+    assert len(hit) == 4 * BUNDLE * BUNDLES
+    rows = np.column_stack([origins, directions, hit]).T.astype(np.float32)
+    state = State.start(spheres)
+    on_lines = Descent(device, (SoftLines(device, rows[None]), 3.0))
+    loss = on_lines.run(state, np.array([TAU]), np.array([1e-3]))
+    expected, gradient = soft_lines.loss_and_gradient(origins, directions, hit, spheres, TAU)
+    assert loss == pytest.approx(3 * expected, rel=1e-5)
+    # float32 perpendiculars are good to 1e-7, which is 1e-5 of tau; sums of 512 terms of either sign
+    np.testing.assert_allclose(state.mean / 0.1, 3 * gradient, atol=2e-5 * 3 * np.abs(gradient).max())
+
+
+def test_points_and_lines_add_up(device):
+    """One step on both is the weighted sum of one step on each."""
+    spheres, points, inside = spheres_and_points(20)
+    _, origins, directions, hit = spheres_and_bundles(20)
+    rows = np.column_stack([origins, directions, hit]).T.astype(np.float32)
+    terms = (on_device(device, points, inside), 0.5), (SoftLines(device, rows[None]), 7.0)
+    means, losses = [], []
+    for chosen in (terms[:1], terms[1:], terms):
+        state = State.start(spheres)
+        losses.append(Descent(device, *chosen).run(state, np.array([TAU]), np.array([1e-3])))
+        means.append(state.mean)
+    assert losses[2] == pytest.approx(losses[0] + losses[1], rel=1e-6)
+    np.testing.assert_allclose(means[2], means[0] + means[1], atol=1e-6 * np.abs(means[2]).max())
+
+
+def test_the_gradient_of_lines_is_that_of_the_loss():
+    """Central differences; no line is within a step of a cutoff, where the loss jumps."""
+    spheres, *lines = spheres_and_bundles(6)
+    _, gradient = soft_lines.loss_and_gradient(*lines, spheres, TAU)
+    step = 1e-7
+    for index in np.ndindex(spheres.shape):
+        ends = []
+        for sign in (1, -1):
+            moved = spheres.copy()
+            moved[index] += sign * step
+            ends.append(soft_lines.loss_and_gradient(*lines, moved, TAU)[0])
+        assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(gradient[index], rel=1e-5, abs=1e-6)
 
 
 def test_points_and_lines_against_the_union(device):
