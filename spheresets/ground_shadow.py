@@ -19,7 +19,9 @@ RAY_OFFSET = 1e-4
 CONTACT = 0.02
 
 
-def shadow_errors(solid: Solid, union: Union, advance: Callable[..., None]) -> dict[str, list[float]]:
+def shadow_errors(
+    solid: Solid, union: Union, spheres: Array, advance: Callable[..., None]
+) -> dict[str, list[float]]:
     """Errors of the irradiance on a ground plane under the mesh, for three radii of a spherical light.
 
     shadow_rmse
@@ -38,21 +40,34 @@ def shadow_errors(solid: Solid, union: Union, advance: Callable[..., None]) -> d
     x, z = (axis.reshape(-1) for axis in np.meshgrid(steps, steps))
     receivers = ground + np.stack([x, np.zeros_like(x), z], axis=1)
     free = solid.distance(receivers) > CONTACT * longest
+    reach = max(0.5, float((np.linalg.norm(spheres[:, :3], axis=1) + spheres[:, 3]).max()))
 
     rmse, no_contact, bias = [], [], []
     for radius in LIGHT_RADII:
         light = np.append(ground + np.array(LIGHT_CENTER) * longest, radius * longest)
         axes, directions, solid_angles = cap_directions(receivers, light)
         weights = directions[:, :, 1] * solid_angles[:, None]  # the ground's normal is y
-        starts = np.repeat(receivers + np.array([0, RAY_OFFSET * longest, 0]), STRATA**2, axis=0)
-        dark = solid.occluded(starts, directions.reshape(-1, 3), np.inf).reshape(weights.shape)
-        truth = (weights * ~dark).mean(1)
-        error = (weights * ~union.caps(receivers, axes, directions, light)).mean(1) - truth
+        some = _in_reach(receivers, axes, reach)  # of the others no direction is blocked
+        starts = np.repeat(receivers[some] + np.array([0, RAY_OFFSET * longest, 0]), STRATA**2, axis=0)
+        dark = solid.occluded(starts, directions[some].reshape(-1, 3), np.inf).reshape(-1, STRATA**2)
+        blocked = union.caps(receivers[some], axes[some], directions[some], light)
+        truth = weights.mean(1)
+        truth[some] = (weights[some] * ~dark).mean(1)
+        error = np.zeros_like(truth)
+        error[some] = (weights[some] * ~blocked).mean(1) - truth[some]
         rmse.append(float(np.sqrt((error**2).mean()) / truth.mean()))
         no_contact.append(float(np.sqrt((error[free] ** 2).mean()) / truth.mean()))
         bias.append(float(error.mean() / truth.mean()))
         advance()
     return {"shadow_rmse": rmse, "shadow_rmse_no_contact": no_contact, "shadow_bias": bias}
+
+
+def _in_reach(receivers: Array, caps: Array, reach: float) -> NDArray[np.bool_]:
+    """Which of the caps [n, 4] of directions from receivers [n, 3] meet the ball of radius `reach` at 0."""
+    distance = np.linalg.norm(receivers, axis=1)
+    towards = -(receivers * caps[:, :3]).sum(1) / distance
+    wide = np.arccos(caps[:, 3]) + np.arcsin((reach / distance).clip(max=1))
+    return (distance < reach) | (np.arccos(towards.clip(-1, 1)) < wide)
 
 
 def cap_directions(receivers: Array, light: Array) -> tuple[Array, Array, Array]:

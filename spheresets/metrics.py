@@ -16,12 +16,12 @@ from coslobe.spheresets.ground_shadow import LIGHT_RADII, shadow_errors
 from coslobe.spheresets.model import SphereSet
 from coslobe.spheresets.solid import Solid
 from coslobe.spheresets.union import Union
+from coslobe.spheresets.volumes import volumes
 
 Array = NDArray[np.float64]
 
-SEED = 20090401  # of all samples here; no fit uses it
+SEED = (2009, 4, 1)  # of all samples here; no --seed of a fit is three numbers
 VIEWS, PIXELS, WINDOW = 32, 256, 1.1
-VOLUME_POINTS, VOLUME_BOX = 200_000, 1.25
 SURFACE_POINTS = 50_000
 UNION_POINTS = 100_000  # over all spheres; those inside other spheres are left out
 
@@ -32,15 +32,20 @@ def measure(solid: Solid, spheres: SphereSet, device: Device, progress: Progress
     silhouette_iou_mean, _min
         Over 32 Fibonacci directions, orthographic masks of 256 x 256 pixels, window 1.1 diagonals.
     volume_iou, outside_volume, uncovered_volume, sum_outside_volume
-        From 200,000 points in the 1.25 times larger box; the last counts a point once per sphere that holds
-        it (Wang et al. 2006).
+        See `volumes`; the last counts what is outside once per sphere that holds it (Wang et al. 2006).
     max_gap
-        Largest distance of 50,000 surface samples from the union.
+        Largest distance of 50,000 surface samples from the union. Surface that lies within the solid, where
+        parts overlap, is left out here and below.
     hausdorff_mesh_to_union, hausdorff_union_to_mesh
         Largest distance of surface samples from 100,000 samples of the union's surface (the distance itself
         where they are outside), and of those from the mesh.
     shadow_rmse, shadow_rmse_no_contact, shadow_bias
         See `ground_shadow.shadow_errors`.
+
+    Raises
+    ------
+    InvalidInput
+        The mesh encloses no volume.
     """
     with progress.task("measuring", 3 + len(LIGHT_RADII)) as advance:
         unit = np.column_stack([(spheres.centers - solid.center) / solid.size, spheres.radii / solid.size])
@@ -48,15 +53,15 @@ def measure(solid: Solid, spheres: SphereSet, device: Device, progress: Progress
         rng = np.random.default_rng(SEED)
         silhouettes = silhouette_ious(solid, unit)
         advance()
-        volumes = _volumes(solid, union, rng)
+        shares = volumes(solid, union, unit, rng)
         advance()
         distances = _distances(solid, union, unit, rng)
         advance()
-        shadows = shadow_errors(solid, union, advance)
+        shadows = shadow_errors(solid, union, unit, advance)
     return {
         "silhouette_iou_mean": float(silhouettes.mean()),
         "silhouette_iou_min": float(silhouettes.min()),
-        **volumes,
+        **shares,
         **distances,
         **shadows,
     }
@@ -85,24 +90,11 @@ def disc_mask(centers: Array, radii: Array, steps: Array) -> NDArray[np.bool_]:
     return mask
 
 
-def _volumes(solid: Solid, union: Union, rng: np.random.Generator) -> dict[str, float]:
-    points = rng.uniform(solid.lower, solid.upper, (VOLUME_POINTS, 3)) * VOLUME_BOX
-    inside = solid.inside(points)
-    _, containing = union.points(points)
-    covered = containing > 0
-    volume = max(int(inside.sum()), 1)
-    return {
-        "volume_iou": float((inside & covered).sum() / max((inside | covered).sum(), 1)),
-        "outside_volume": float((covered & ~inside).sum() / volume),
-        "uncovered_volume": float((inside & ~covered).sum() / volume),
-        "sum_outside_volume": float(containing[~inside].sum() / volume),
-    }
-
-
 def _distances(solid: Solid, union: Union, spheres: Array, rng: np.random.Generator) -> dict[str, float]:
     from scipy.spatial import KDTree
 
-    surface = solid.sample_surface(SURFACE_POINTS, rng)
+    surface, face = solid.sample_faces(SURFACE_POINTS, rng)
+    surface = surface[solid.sides_inside(surface, face) < 2]
     clearance, _ = union.points(surface)
     area = spheres[:, 3] ** 2
     counts = np.ceil(UNION_POINTS * area / area.sum()).astype(int)

@@ -11,6 +11,7 @@ FIRST_RAYS = 3
 MORE_RAYS = 13
 CHECKED, CHECK_RAYS = 500, 128
 LEAST_VOLUME = 1e-10  # of a closed mesh
+SKIN = 1e-5  # distance at which a ray leaves its own triangle behind
 BLOCK = 1 << 19  # rays per call: bounds the memory for their intersections
 BESIDE = 1e-4  # from the surface to points that stand for one side of it
 LOOKS, MOST_LOOKS = 20_000, 200_000  # points from which both sides of the surface look out
@@ -126,8 +127,7 @@ class Solid:
         if surface.closed and self._volumes().sum() < 0:
             found.append("inside out")
         points, face = self._sample(PROBES, self.areas, np.random.default_rng(0))
-        offset = self._cross[face] / np.linalg.norm(self._cross[face], axis=1, keepdims=True) * BESIDE
-        sides = self.inside(points + offset).astype(int) + self.inside(points - offset)
+        sides = self.sides_inside(points, face)
         for state, what in ((2, "within the solid"), (0, "without thickness, which gets no spheres")):
             share = float((sides == state).mean())
             if share > NOTED:
@@ -136,7 +136,11 @@ class Solid:
 
     def sample_surface(self, count: int, rng: np.random.Generator) -> Points:
         """Points [count, 3] uniform by area, one in each of `count` equal shares of it in file order."""
-        return self._sample(count, self.areas, rng)[0]
+        return self.sample_faces(count, rng)[0]
+
+    def sample_faces(self, count: int, rng: np.random.Generator) -> tuple[Points, NDArray[np.int64]]:
+        """The same points, and the triangle [count] on which each lies."""
+        return self._sample(count, self.areas, rng)
 
     def _sample(
         self, count: int, weights: NDArray[np.float64], rng: np.random.Generator
@@ -150,6 +154,12 @@ class Solid:
         corner_weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
         return np.einsum("nk,nkd->nd", corner_weights, self.vertices[self.faces[face]]), face
 
+    def clearance(self, points: Points, faces: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Distance [n] from points on triangles to the next surface along their normals, on either side."""
+        normals = self._cross[faces] / np.linalg.norm(self._cross[faces], axis=1, keepdims=True)
+        ahead, behind = (self.first_hit(points + SKIN * w, w)[0] for w in (normals, -normals))
+        return SKIN + np.minimum(ahead, behind)
+
     def inside(self, points: Points) -> NDArray[np.bool_]:
         """Which of the points [n, 3] are in the solid."""
         directions = _directions(FIRST_RAYS + MORE_RAYS)
@@ -161,6 +171,14 @@ class Solid:
         rays = np.full(len(points), FIRST_RAYS)
         rays[unsure] += MORE_RAYS
         return np.abs(total) > 0.5 * rays
+
+    def sides_inside(self, points: Points, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+        """How many sides [n] of the surface are inside, at points on triangles.
+
+        One as a rule; two where parts overlap, none at sheets without thickness.
+        """
+        offset = self._cross[faces] / np.linalg.norm(self._cross[faces], axis=1, keepdims=True) * BESIDE
+        return self.inside(points + offset).astype(np.int64) + self.inside(points - offset)
 
     def encloses(self, points: Points) -> bool:
         """Whether points [n, 3] that are inside are so for a reason other than lying next to a sheet.
