@@ -5,14 +5,15 @@ PYTHON ?= python3
 ROOMS := cli configs core evaluate render spheresets tables
 RUN := .venv/bin/python -m
 
-.PHONY: help demo test check bench fresh prepare
+.PHONY: help demo test check bench bench-fits fresh prepare
 
 help:
-	@echo "make demo    the main job: from the bunny to a measured picture, out/demo/report.html"
-	@echo "make test    all tests"
-	@echo "make check   style, format and types"
-	@echo "make bench   measure speed, see benchmarks/"
-	@echo "make fresh   prove the set-up in an empty root (needs root and debootstrap)"
+	@echo "make demo         the main job: from the bunny to a measured picture, out/demo/report.html"
+	@echo "make test         all tests"
+	@echo "make check        style, format and types"
+	@echo "make bench        measure speed, see benchmarks/"
+	@echo "make bench-fits   measure sphere fits beside a rival's, see benchmarks/"
+	@echo "make fresh        prove the set-up in an empty root (needs root and debootstrap)"
 
 demo: prepare
 	.venv/bin/coslobe demo
@@ -29,6 +30,9 @@ check: prepare
 
 bench: prepare
 	.venv/bin/python benchmarks/run.py
+
+bench-fits: prepare
+	.venv/bin/python benchmarks/fits.py
 
 fresh:
 	scripts/fresh.sh
