@@ -104,7 +104,8 @@ def _panels(solid: Solid, normals: Array, spheres: Array, camera: Array) -> tupl
     middle = camera @ (lower + upper) / 2
     x = middle[0] + _centered(PIXELS) * pixel
     y = middle[1] - _centered(height) * pixel
-    seen_mesh, mesh_normals = _mesh_view(solid, normals, *np.meshgrid(x, y), camera)
+    right, up = np.meshgrid(x, y)
+    seen_mesh, mesh_normals = _mesh_view(solid, normals, right, up, camera)
     index, sphere_normals = _sphere_view(spheres @ _embedded(camera).T, x, y)
     seen_spheres = index >= 0
 
