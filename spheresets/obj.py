@@ -7,6 +7,7 @@ about thirty times the memory.
 
 from array import array
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,12 +68,19 @@ def read_obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArra
 def _three(words: list[bytes]) -> list[float]:
     if len(words) < 4:
         raise ValueError(f"{len(words) - 1} coordinates where three are needed")
-    return [float(word) for word in words[1:4]]
+    return [_number(float, word) for word in words[1:4]]
 
 
 def _absolute(word: bytes, count: int) -> int:
     """An index from 0 of one that counts from 1, or back from the last of `count` that were read so far."""
-    index = int(word)
+    index = _number(int, word)
     if index == 0 or index < -count:
         raise ValueError(f"index {index} does not exist ({count} so far)")
     return index - 1 if index > 0 else count + index
+
+
+def _number(kind: Any, word: bytes) -> Any:
+    try:
+        return kind(word)
+    except ValueError:
+        raise ValueError(f"{word.decode('ascii', 'replace')[:40]!r} is no number") from None

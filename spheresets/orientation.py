@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # odd, bits mixed
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -36,14 +38,27 @@ class Surface:
 
 def coincident(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int32], int]:
     """For each vertex [n] the number of its place, and how many places there are."""
-    order = np.lexsort(vertices.T)
-    new = np.zeros(len(vertices), bool)
-    for x in vertices.T:
-        x = x[order]
-        new[1:] |= x[1:] != x[:-1]
+    # One sort by a hash takes a third of the time of a sort by three numbers.
+    bits = (vertices + 0.0).view(np.uint64)  # -0 and 0 are one place
+    bits ^= bits >> np.uint64(32)  # numbers that were float32 differ only in their upper half
+    key = bits @ HASH
+    order = np.argsort(key)
+    new = _changes(vertices, order)
+    if (new != _changes(key[:, None], order)).any():  # two places with one hash
+        order = np.lexsort(vertices.T)
+        new = _changes(vertices, order)
     place = np.empty(len(vertices), np.int32)
     place[order] = np.cumsum(new, dtype=np.int32)
     return place, int(new.sum()) + 1
+
+
+def _changes(rows: NDArray, order: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which rows [n], in this order, differ from the one before."""
+    new = np.zeros(len(rows), bool)
+    for column in rows.T:
+        column = column[order]
+        new[1:] |= column[1:] != column[:-1]
+    return new
 
 
 def study(vertices: NDArray[np.float64], faces: NDArray[np.int32], areas: NDArray[np.float64]) -> Surface:
@@ -104,7 +119,7 @@ def _edges(
     keys.sort()
     keys = keys[np.searchsorted(keys, 0) :]
     edge = keys >> 1
-    starts = np.flatnonzero(np.diff(edge, prepend=-1))
+    starts = np.flatnonzero(np.concatenate([[len(edge) > 0], edge[1:] != edge[:-1]]))
     uses = np.diff(starts, append=len(edge))
     forward = np.add.reduceat(keys & 1, starts) if len(starts) else starts
     return edge[starts], uses, forward
