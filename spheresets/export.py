@@ -66,6 +66,9 @@ def write_glb(path: Path, tree: SphereTree) -> None:
     2 from 313, 1 from 1,251 on): a viewer should turn 10,000 of them without effort.
     """
     import trimesh
+    from trimesh.exchange.gltf import export_glb
+    from trimesh.visual.material import PBRMaterial
+    from trimesh.visual.texture import TextureVisuals
 
     finest = tree.finest
     room = int(np.log2(TRIANGLES / (20 * finest.count)) / 2)  # a subdivision makes four triangles of one
@@ -74,8 +77,7 @@ def write_glb(path: Path, tree: SphereTree) -> None:
     starts = len(corners) * np.arange(finest.count)
     # glTF keeps colours of corners in linear light.
     colors = np.rint(255 * sphere_colors(finest.count)).astype(np.uint8)
-    material = trimesh.visual.material.PBRMaterial(metallicFactor=0.0, roughnessFactor=0.7)
-    visual = trimesh.visual.TextureVisuals(material=material)
+    visual = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, roughnessFactor=0.7))
     visual.vertex_attributes["color"] = np.repeat(
         np.column_stack([colors, np.full(finest.count, 255, np.uint8)]), len(corners), axis=0
     )
@@ -87,9 +89,9 @@ def write_glb(path: Path, tree: SphereTree) -> None:
         process=False,
     )
     scene = trimesh.Scene()
-    scene.add_geometry(mesh, node_name=f"{finest.count} spheres", geom_name=f"{finest.count} spheres")
+    scene.add_geometry(mesh, node_name="spheres", geom_name="spheres")
     with atomic_path(path) as temporary:
-        temporary.write_bytes(trimesh.exchange.gltf.export_glb(scene, include_normals=True))
+        temporary.write_bytes(export_glb(scene, include_normals=True))
 
 
 FORMATS = {"sph": write_sph, "glb": write_glb}
