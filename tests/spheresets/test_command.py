@@ -1,6 +1,7 @@
 """`coslobe spheres` as typed: files, JSON, statuses and messages."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from typer.testing import CliRunner
 
 from coslobe.cli.main import app
 from coslobe.core.files import sha256
-from coslobe.spheresets.balanced import EFFORTS, Effort
+from coslobe.spheresets.balanced import COARSE, EFFORTS
 from coslobe.spheresets.files import read_spheres, write_spheres
 from coslobe.spheresets.model import MeshInfo, SphereSet, SphereTree
 from coslobe.spheresets.tree import bounding_hierarchy
@@ -21,7 +22,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytes
     """Runs the command in an empty folder; fits are short, the ground of shadows and pictures are coarse."""
     monkeypatch.setattr("coslobe.spheresets.preview.PIXELS", 64)
     monkeypatch.setattr("coslobe.spheresets.ground_shadow.GROUND_CELLS", 24)
-    monkeypatch.setitem(EFFORTS, "fast", Effort(steps=60, rounds=1, starts=1))
+    monkeypatch.setitem(EFFORTS, "fast", replace(COARSE, steps=60, rounds=1))
     # Such fits must not stand in for real ones in other tests.
     monkeypatch.setenv("COSLOBE_CACHE_DIR", str(tmp_path_factory.getbasetemp() / "short-fits"))
     folder = tmp_path / "here"
