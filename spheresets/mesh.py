@@ -186,19 +186,21 @@ def _by_trimesh(path: Path) -> tuple[Array, NDArray[np.int64], Array]:
 
 def _check_stl(path: Path) -> None:
     with open(path, "rb") as file:
-        head = file.read(84)
-    size = path.stat().st_size
-    if len(head) == 84 and not head.startswith(b"solid"):
-        (count,) = struct.unpack("<I", head[80:])
-        if 84 + 50 * count != size:
-            raise ValueError(f"announces {count:,} triangles, holds {(size - 84) / 50:,.1f}")
+        head = file.read(1024)
+    # Binary files, too, may begin with "solid".
+    if len(head) >= 84 and b"facet" not in head.lower():
+        (count,) = struct.unpack("<I", head[80:84])
+        held = (path.stat().st_size - 84) / 50
+        if count != held:
+            raise ValueError(f"announces {count:,} triangles, holds {held:,.1f}")
 
 
 def _check_gltf(path: Path) -> None:
     with open(path, "rb") as file:
         if file.read(4) == b"glTF":
             header = file.read(16)
-            text = file.read(struct.unpack("<I", header[8:12])[0] if len(header) == 16 else 0)
+            length = struct.unpack("<I", header[8:12])[0] if len(header) == 16 else 0
+            text = file.read(min(length, path.stat().st_size))
         else:
             text = path.read_bytes()
     document = json.loads(text)

@@ -94,7 +94,7 @@ def _distances(solid: Solid, union: Union, spheres: Array, rng: np.random.Genera
     from scipy.spatial import KDTree
 
     surface, face = solid.sample_faces(SURFACE_POINTS, rng)
-    surface = surface[solid.sides_inside(surface, face) < 2]
+    surface = surface[solid.both_sides(surface, face) < 1.5]
     clearance, _ = union.points(surface)
     area = spheres[:, 3] ** 2
     counts = np.ceil(UNION_POINTS * area / area.sum()).astype(int)

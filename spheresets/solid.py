@@ -4,20 +4,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.core.errors import InvalidInput
+from coslobe.spheresets.directions import fibonacci_sphere
 from coslobe.spheresets.mesh import Mesh, blocks, counted
 from coslobe.spheresets.orientation import study
 
-FIRST_RAYS = 3
-MORE_RAYS = 13
+RAYS = (4, 16, 64)  # 3 of the first; more where those disagree; most where it is near 1/2 that they find
+UNSURE = 0.2
 CHECKED, CHECK_RAYS = 500, 128
 LEAST_VOLUME = 1e-10  # of a closed mesh
-SKIN = 1e-5  # distance at which a ray leaves its own triangle behind
 BLOCK = 1 << 19  # rays per call: bounds the memory for their intersections
 BESIDE = 1e-4  # from the surface to points that stand for one side of it
 LOOKS, MOST_LOOKS = 20_000, 200_000  # points from which both sides of the surface look out
 EVIDENT = 0.1  # of the looks from one side escape, less those from the other
+LEAST_SHARE, ALL_SHARES = 3e-4, 0.05  # of the samples, for a small part and for all of them
 PROBES = 2000
 NOTED = 0.005  # share of the surface that is worth a word
+
+# A rotation without any symmetry, so that no direction lies in the planes that meshes like.
+ASKEW = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
 
 Points = NDArray[np.float64]
 
@@ -30,7 +34,7 @@ class Solid:
 
     A point is inside where the generalised winding number (Jacobson et al. 2013) exceeds 1/2 in absolute
     value. It is the mean over directions of the signed number of surfaces that a ray leaves through, here
-    estimated from a few rays and, where those disagree, from more. Small holes therefore do not matter,
+    estimated from a few rays and, where those leave doubts, from more. Small holes therefore do not matter,
     overlapping shells count as solid, and a mesh turned inside out is the same solid.
 
     Signs need triangles that agree about which side is out. Within a connected part neighbours decide
@@ -82,6 +86,19 @@ class Solid:
         over = self._inside_out()
         self._cross[over] *= -1
         self._turned = int((turned ^ over).sum())
+        self._turn = np.where(over, -self._surface.turn, self._surface.turn)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the triangles, after turning, leave no hole."""
+        return self._surface.closed
+
+    @property
+    def triangles(self) -> Points:
+        """Corners [k, 3, 3] of the triangles that count, turned so that neighbours agree."""
+        counts = self._turn != 0
+        corners = self.vertices[self.faces[counts]]
+        return np.where(self._turn[counts, None, None] > 0, corners, corners[:, ::-1])
 
     def _inside_out(self) -> NDArray[np.bool_]:
         """Triangles [m] of the parts that the other side is out of."""
@@ -127,20 +144,36 @@ class Solid:
         if surface.closed and self._volumes().sum() < 0:
             found.append("inside out")
         points, face = self._sample(PROBES, self.areas, np.random.default_rng(0))
-        sides = self.sides_inside(points, face)
-        for state, what in ((2, "within the solid"), (0, "without thickness, which gets no spheres")):
-            share = float((sides == state).mean())
-            if share > NOTED:
-                found.append(f"{share:.0%} of the surface {what}")
+        both = self.both_sides(points, face)
+        for state, what in (
+            (both > 1.5, "within the solid"),
+            (both < 0.5, "without thickness, which gets no spheres"),
+        ):
+            if state.mean() > NOTED:
+                found.append(f"{state.mean():.0%} of the surface {what}")
         return f"{self.name}: {', '.join(found)}; inside by winding number" if found else ""
+
+    @property
+    def parts(self) -> NDArray[np.int32]:
+        """Number [m] of the connected part that each triangle belongs to."""
+        return self._surface.part
+
+    def sample_parts(self, count: int, rng: np.random.Generator) -> tuple[Points, NDArray[np.int64]]:
+        """Points [count, 3] by area, but some on each connected part; and the triangle [count] of each."""
+        area = np.bincount(self.parts, self.areas)
+        least = area.sum() * min(LEAST_SHARE, ALL_SHARES / np.count_nonzero(area))
+        more = np.divide(least, area, out=np.ones_like(area), where=(area > 0) & (area < least))
+        return self._sample(count, self.areas * more[self.parts], rng)
+
+    def clearance(self, points: Points, faces: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Distance [n] from points on triangles to the next surface along their normals, on either side."""
+        normals = self._cross[faces] / np.linalg.norm(self._cross[faces], axis=1, keepdims=True)
+        ahead, behind = (self.first_hit(points + BESIDE * w, w)[0] for w in (normals, -normals))
+        return BESIDE + np.minimum(ahead, behind)
 
     def sample_surface(self, count: int, rng: np.random.Generator) -> Points:
         """Points [count, 3] uniform by area, one in each of `count` equal shares of it in file order."""
-        return self.sample_faces(count, rng)[0]
-
-    def sample_faces(self, count: int, rng: np.random.Generator) -> tuple[Points, NDArray[np.int64]]:
-        """The same points, and the triangle [count] on which each lies."""
-        return self._sample(count, self.areas, rng)
+        return self._sample(count, self.areas, rng)[0]
 
     def _sample(
         self, count: int, weights: NDArray[np.float64], rng: np.random.Generator
@@ -154,31 +187,27 @@ class Solid:
         corner_weights = np.stack([1 - root, root * (1 - v), root * v], axis=1)
         return np.einsum("nk,nkd->nd", corner_weights, self.vertices[self.faces[face]]), face
 
-    def clearance(self, points: Points, faces: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Distance [n] from points on triangles to the next surface along their normals, on either side."""
-        normals = self._cross[faces] / np.linalg.norm(self._cross[faces], axis=1, keepdims=True)
-        ahead, behind = (self.first_hit(points + SKIN * w, w)[0] for w in (normals, -normals))
-        return SKIN + np.minimum(ahead, behind)
-
     def inside(self, points: Points) -> NDArray[np.bool_]:
         """Which of the points [n, 3] are in the solid."""
-        directions = _directions(FIRST_RAYS + MORE_RAYS)
-        first = np.stack([self._crossings(points, w) for w in directions[:FIRST_RAYS]])
-        unsure = np.flatnonzero((first != first[0]).any(0))
-        total = first.sum(0)
-        for w in directions[FIRST_RAYS:] if unsure.size else ():
-            total[unsure] += self._crossings(points[unsure], w)
-        rays = np.full(len(points), FIRST_RAYS)
-        rays[unsure] += MORE_RAYS
-        return np.abs(total) > 0.5 * rays
+        return np.abs(self._winding(points)) > 0.5
 
-    def sides_inside(self, points: Points, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-        """How many sides [n] of the surface are inside, at points on triangles.
+    def both_sides(self, points: Points, faces: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Sum [n] of the winding numbers on both sides of the surface, at points on triangles; its size.
 
-        One as a rule; two where parts overlap, none at sheets without thickness.
+        1 where the surface bounds the solid, more where it lies within the solid, 0 at open sheets.
         """
         offset = self._cross[faces] / np.linalg.norm(self._cross[faces], axis=1, keepdims=True) * BESIDE
-        return self.inside(points + offset).astype(np.int64) + self.inside(points - offset)
+        return np.abs(self._winding(points + offset) + self._winding(points - offset))
+
+    def _winding(self, points: Points) -> NDArray[np.float64]:
+        few = np.stack([self._crossings(points, w) for w in _directions(RAYS[0])[:3]])
+        winding, unsure = few.mean(0), np.flatnonzero((few != few[0]).any(0))
+        for count in RAYS[1:]:
+            if len(unsure):
+                total = sum(self._crossings(points[unsure], w) for w in _directions(count))
+                winding[unsure] = total / count
+                unsure = unsure[np.abs(np.abs(winding[unsure]) - 0.5) < UNSURE]
+        return winding
 
     def encloses(self, points: Points) -> bool:
         """Whether points [n, 3] that are inside are so for a reason other than lying next to a sheet.
@@ -231,8 +260,12 @@ class Solid:
 
 
 def _directions(count: int) -> NDArray[np.float64]:
-    directions = np.random.default_rng(0).normal(size=(count, 3))
-    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    """Evenly spread directions [count, 3], each followed by its opposite: of these, one meets a near sheet.
+
+    So a sheet alone never gets beyond a winding number of 1/2, whichever way it lies.
+    """
+    half = fibonacci_sphere(count)[: count // 2] @ ASKEW
+    return np.stack([half, -half], axis=1).reshape(-1, 3)
 
 
 def _rays(origins: Points, directions: NDArray[np.float64]) -> NDArray[np.float32]:
