@@ -173,7 +173,11 @@ class Solid:
 
     def sample_surface(self, count: int, rng: np.random.Generator) -> Points:
         """Points [count, 3] uniform by area, one in each of `count` equal shares of it in file order."""
-        return self._sample(count, self.areas, rng)[0]
+        return self.sample_faces(count, rng)[0]
+
+    def sample_faces(self, count: int, rng: np.random.Generator) -> tuple[Points, NDArray[np.int64]]:
+        """The same points, and the triangle [count] on which each lies."""
+        return self._sample(count, self.areas, rng)
 
     def _sample(
         self, count: int, weights: NDArray[np.float64], rng: np.random.Generator
