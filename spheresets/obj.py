@@ -35,7 +35,7 @@ def read_obj(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArra
             if line.endswith((b"\\\n", b"\\\r\n")):  # goes on in the next line
                 line = line.rstrip(b"\\\r\n") + b" "
                 continue
-            words, line = line.split(), b""
+            words, line = line.partition(b"#")[0].split(), b""
             try:
                 if not words:
                     continue

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from coslobe.core.errors import InvalidInput
 from coslobe.core.progress import Progress
@@ -225,3 +227,21 @@ def test_vertices_at_one_place_have_one_number():
     unique, expected = np.unique(different, axis=0, return_inverse=True)
     assert places == len(unique)
     assert len(np.unique(np.stack([place, expected.reshape(-1)]), axis=1).T) == places
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.lists(st.integers(0, 7), min_size=3, max_size=3), min_size=1, max_size=20))
+def test_any_triangles_have_an_inside_or_a_reason(mesh_of, faces):
+    """Corners of a cube joined at random: every kind of crossing, doubling and degeneration."""
+    corners = np.stack(np.meshgrid(*3 * [[0.0, 1.0]]), axis=-1).reshape(-1, 3)
+    part = mesh(corners, np.array(faces))
+    try:
+        solid = Solid(mesh_of(part))
+    except InvalidInput:
+        assert trimesh.triangles.area(part.triangles).max() < 1e-12
+        return
+    points = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 3))
+    assert np.isfinite(solid.distance(points)).all()
+    far = np.abs(points / (solid.upper - solid.lower + 1e-9)).max(1) > 0.51
+    assert not solid.inside(points)[far].any()
+    assert isinstance(solid.report, str)

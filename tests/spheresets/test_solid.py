@@ -5,7 +5,8 @@ import pytest
 import trimesh
 
 from coslobe.core.errors import InvalidInput
-from coslobe.spheresets.samples import draw_lines, draw_points
+from coslobe.spheresets.line_samples import draw_lines
+from coslobe.spheresets.samples import draw_points
 from coslobe.spheresets.solid import Solid
 
 BALL = trimesh.creation.icosphere(subdivisions=4)  # its volume is 0.3 % below the ball's
@@ -18,55 +19,12 @@ def cut(part, keep):
     return part
 
 
-def flipped(part, every: int):
-    """`part` with every n-th triangle turned over."""
-    faces = part.faces.copy()
-    faces[::every] = faces[::every, ::-1]
-    return trimesh.Trimesh(part.vertices, faces, process=False)
-
-
-def agreement(solid: Solid, expected) -> float:
-    """Share of random points (file coordinates) on whose side the solid and `expected` agree."""
-    points = np.random.default_rng(1).uniform(solid.lower, solid.upper, (20_000, 3)) * 1.1
-    return float((solid.inside(points) == expected(points * solid.size + solid.center)).mean())
-
-
-def in_ball(points):
-    return np.linalg.norm(points, axis=1) < 1
-
-
 def test_unit_coordinates(mesh_of):
     mesh = mesh_of(trimesh.creation.torus(1, 0.3).apply_translation([10, 20, 30]))
     solid = Solid(mesh)
     np.testing.assert_allclose(solid.lower, -solid.upper)
     assert np.linalg.norm(solid.upper - solid.lower) == pytest.approx(1)
     np.testing.assert_allclose(solid.center + solid.size * solid.vertices, mesh.vertices)
-
-
-@pytest.mark.parametrize(
-    ("part", "least"),
-    [
-        (BALL, 0.998),  # the rest lies between icosphere and ball: 0.3 % of its volume
-        (flipped(BALL, 1), 0.998),
-        (flipped(BALL, 3), 0.998),
-        (cut(BALL, lambda c: c[:, 1] > -0.9), 0.985),
-        (flipped(cut(BALL, lambda c: c[:, 1] > -0.9), 3), 0.985),
-    ],
-    ids=["closed", "inside out", "mixed orientation", "open", "open and mixed"],
-)
-def test_a_ball_is_a_ball_whatever_its_triangles(part, least, mesh_of):
-    assert agreement(Solid(mesh_of(part)), in_ball) > least
-
-
-def test_overlapping_shells_are_solid(mesh_of):
-    solid = Solid(mesh_of(*(BALL.copy().apply_translation([x, 0, 0]) for x in (-0.5, 0.5))))
-    assert agreement(solid, lambda p: in_ball(p - [0.5, 0, 0]) | in_ball(p - [-0.5, 0, 0])) > 0.997
-
-
-def test_a_shell_turned_inwards_is_a_cavity(mesh_of):
-    hollow = trimesh.util.concatenate([BALL, flipped(BALL.copy().apply_scale(0.5), 1)])
-    solid = Solid(mesh_of(hollow))
-    assert agreement(solid, lambda p: in_ball(p) & (np.linalg.norm(p, axis=1) > 0.5)) > 0.998
 
 
 def test_signed_distance_of_a_ball(mesh_of):
@@ -100,21 +58,6 @@ def test_rays_of_first_hits(mesh_of):
     assert np.isinf(distance[1])
     point = np.einsum("k,kd->d", weights[0], solid.vertices[solid.faces[face[0]]])
     np.testing.assert_allclose(point, [0.01, 0.02, half], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "part",
-    [
-        trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]),
-        trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1, 2], [0, 2, 1]]),
-    ],
-    ids=["sheet", "two triangles back to back"],
-)
-def test_meshes_without_volume_are_refused(part, mesh_of):
-    solid = Solid(mesh_of(part, file="flat.ply"))
-    with pytest.raises(InvalidInput, match=r"flat\.ply: the mesh encloses no volume") as caught:
-        draw_points(solid, (0.0067, 0.02), 1, 1000, np.random.default_rng(0))
-    assert caught.value.hint
 
 
 def test_triangles_without_area_are_refused(mesh_of):
