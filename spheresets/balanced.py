@@ -46,7 +46,7 @@ class Effort:
     starts: int
 
 
-EFFORTS = {"fast": Effort(600, 6, 300, 6), "best": Effort(1500, 12, 1000, 16)}
+EFFORTS = {"fast": Effort(600, 6, 300, 6), "best": Effort(1500, 12, 500, 16)}
 COARSE = Effort(300, 3, 100, 1)
 
 

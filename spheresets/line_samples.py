@@ -18,7 +18,7 @@ SPREAD = (
     0.0067,
     0.02,
 )  # distances of bundles from their outline: two normal distributions, half of them each
-BLUR = (0.004, 0.12)  # radii of bundles at the solid, log-uniform
+BLUR = (0.003, 0.08)  # radii of bundles at the solid, log-uniform
 RECEIVER = 1.0  # distance of the point in which a bundle's lines meet
 HALVINGS = 9  # of the way across an outline: to 1/500 of it
 

@@ -135,13 +135,21 @@ class Search:
             self._state.replace(np.array(removed), candidates[added])
 
     def _candidates(self, spheres: Array) -> Array:
-        """Largest balls inside the solid around interior points that no sphere covers."""
+        """Largest balls inside the solid: half around uncovered points, half those that hold most of them.
+
+        The former are small where little is left to cover, the latter reach it from the depth.
+        """
+        from scipy.spatial import KDTree
+
+        interior, depth = self._samples.points.interior, self._samples.points.depth
         uncovered = self._samples.points.uncovered(spheres)
-        chosen = self._rng.choice(
-            uncovered, min(max(CANDIDATES, len(spheres)), len(uncovered)), replace=False
-        )
-        depth = np.maximum(self._samples.points.depth[chosen], SMALLEST)
-        return np.column_stack([self._samples.points.interior[chosen], depth])
+        if not len(uncovered):
+            return np.empty((0, 4))
+        half = max(CANDIDATES, len(spheres)) // 2
+        around = self._rng.choice(uncovered, min(half, len(uncovered)), replace=False)
+        held = KDTree(interior[uncovered]).query_ball_point(interior, depth, return_length=True)
+        index = np.concatenate([around, np.argsort(-held, kind="stable")[:half]])
+        return np.column_stack([interior[index], np.maximum(depth[index], SMALLEST)])
 
 
 def _at(shares: Array, steps: int) -> list[int]:
