@@ -47,7 +47,7 @@ def shadow_errors(
         light = np.append(ground + np.array(LIGHT_CENTER) * longest, radius * longest)
         axes, directions, solid_angles = cap_directions(receivers, light)
         weights = directions[:, :, 1] * solid_angles[:, None]  # the ground's normal is y
-        some = _in_reach(receivers, axes, reach)  # of the others no direction is blocked
+        some = in_reach(receivers, axes, reach)  # of the others no direction is blocked
         starts = np.repeat(receivers[some] + np.array([0, RAY_OFFSET * longest, 0]), STRATA**2, axis=0)
         dark = solid.occluded(starts, directions[some].reshape(-1, 3), np.inf).reshape(-1, STRATA**2)
         blocked = union.caps(receivers[some], axes[some], directions[some], light)
@@ -62,7 +62,7 @@ def shadow_errors(
     return {"shadow_rmse": rmse, "shadow_rmse_no_contact": no_contact, "shadow_bias": bias}
 
 
-def _in_reach(receivers: Array, caps: Array, reach: float) -> NDArray[np.bool_]:
+def in_reach(receivers: Array, caps: Array, reach: float) -> NDArray[np.bool_]:
     """Which of the caps [n, 4] of directions from receivers [n, 3] meet the ball of radius `reach` at 0."""
     distance = np.linalg.norm(receivers, axis=1)
     towards = -(receivers * caps[:, :3]).sum(1) / distance

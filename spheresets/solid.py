@@ -63,6 +63,10 @@ class Solid:
         lower, upper = mesh.bounds
         self.center = (lower + upper) / 2
         self.size = float(np.linalg.norm(upper - lower))
+        if not 0 < self.size < np.inf:
+            raise InvalidInput(
+                f"{mesh.file}: its bounding box has size {self.size:g}", "export the mesh again"
+            )
         self.vertices = (mesh.vertices - self.center) / self.size
         self.faces = mesh.faces
         self.lower, self.upper = (lower - self.center) / self.size, (upper - self.center) / self.size
