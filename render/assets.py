@@ -59,7 +59,7 @@ class Assets:
         if obj.plane is not None:
             return self._once(("plane", obj.plane), partial(plane_mesh, obj.plane))
         assert obj.mesh is not None
-        return self._once(("mesh", obj.mesh), partial(load_mesh, obj.mesh))
+        return self._once(("mesh", obj.mesh), partial(self._load_mesh, obj.mesh))
 
     def raycaster(self, obj: Object) -> RayCaster:
         """The acceleration structure over `mesh(obj)`."""
@@ -101,6 +101,12 @@ class Assets:
         """SHA-256 of the mesh's arrays; the file's own would miss what glTF files refer to."""
         mesh = self.mesh(obj)
         return self._once(("hash", mesh.file), lambda: _arrays_hash(mesh))
+
+    def _load_mesh(self, file: str) -> Mesh:
+        mesh = load_mesh(file)
+        if mesh.defects:
+            self._progress.say(f"{file}: {', '.join(mesh.defects)}")
+        return mesh
 
     def _load_spheres(self, obj: Object) -> SphereSet:
         mesh, spheres = self.mesh(obj), obj.spheres

@@ -16,6 +16,7 @@ from coslobe.core.files import sha256
 from coslobe.spheresets.obj import read_obj
 from coslobe.spheresets.orientation import coincident
 from coslobe.spheresets.ply import read_ply
+from coslobe.spheresets.stl import read_stl
 
 SUFFIXES = (".ply", ".obj", ".stl", ".glb", ".gltf")
 UNREADABLE = {"KHR_draco_mesh_compression", "EXT_meshopt_compression"}
@@ -121,9 +122,9 @@ def _sample_bunny() -> Mesh:
 
 def _triangles(path: Path) -> tuple[Array, NDArray[np.int32], Array, tuple[str, ...]]:
     """Vertices, faces, unit normals, and what was left out."""
-    readers = {".ply": read_ply, ".obj": read_obj}
+    readers = {".ply": read_ply, ".obj": read_obj, ".stl": read_stl}
     try:
-        vertices, faces, normals = readers.get(path.suffix.lower(), _by_trimesh)(path)
+        vertices, faces, normals = readers.get(path.suffix.lower(), _read_gltf)(path)
     except Exception as error:  # readers raise whatever their format makes them stumble over
         reason = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
         raise InvalidInput(f"{path}: cannot be read as a mesh ({reason})", "export the mesh again") from error
@@ -158,20 +159,19 @@ def _triangles(path: Path) -> tuple[Array, NDArray[np.int32], Array, tuple[str, 
     return vertices, faces, normals, defects
 
 
-def _by_trimesh(path: Path) -> tuple[Array, NDArray[np.int64], Array]:
-    """STL and glTF: vertices, faces and normals (zero where the file has none) of all nodes, put in place.
+def _read_gltf(path: Path) -> tuple[Array, NDArray[np.int64], Array]:
+    """Vertices, faces and normals (zero where the file has none) of all nodes, put in place.
+
+    Joints and morph targets stay in their rest pose.
 
     Raises
     ------
     ValueError
-        The file holds less than it announces, or what trimesh would leave out without a word.
+        The file has what trimesh would leave out without a word.
     """
     import trimesh
 
-    if path.suffix.lower() == ".stl":
-        _check_stl(path)
-    else:
-        _check_gltf(path)
+    _check_gltf(path)
     # Vertices keep the file's order and count: merging would lose normals at creases.
     scene = trimesh.load_scene(path, process=False)
     parts = [_placed(scene, node) for node in scene.graph.nodes_geometry]
@@ -182,17 +182,6 @@ def _by_trimesh(path: Path) -> tuple[Array, NDArray[np.int64], Array]:
     vertices, faces, normals = zip(*parts, strict=True)
     faces = [part + offset for part, offset in zip(faces, offsets, strict=False)]
     return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals)
-
-
-def _check_stl(path: Path) -> None:
-    with open(path, "rb") as file:
-        head = file.read(1024)
-    # Binary files, too, may begin with "solid".
-    if len(head) >= 84 and b"facet" not in head.lower():
-        (count,) = struct.unpack("<I", head[80:84])
-        held = (path.stat().st_size - 84) / 50
-        if count != held:
-            raise ValueError(f"announces {count:,} triangles, holds {held:,.1f}")
 
 
 def _check_gltf(path: Path) -> None:

@@ -49,7 +49,7 @@ def coincident(vertices: NDArray[np.float64]) -> tuple[NDArray[np.int32], int]:
         new = _changes(vertices, order)
     place = np.empty(len(vertices), np.int32)
     place[order] = np.cumsum(new, dtype=np.int32)
-    return place, int(new.sum()) + 1
+    return place, int(new.sum()) + (len(vertices) > 0)
 
 
 def _changes(rows: NDArray, order: NDArray[np.int64]) -> NDArray[np.bool_]:

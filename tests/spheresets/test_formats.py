@@ -68,6 +68,14 @@ def test_ply_normals(tmp_path):
     np.testing.assert_allclose(mesh.normals, ball.vertex_normals, atol=1e-6)
 
 
+@pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
+def test_corners_of_stl_triangles_become_one_vertex(tmp_path, kind):
+    content = trimesh.creation.box().export(file_type=kind)
+    mesh = load(tmp_path, "box.stl", content)
+    assert (len(mesh.vertices), len(mesh.faces)) == (8, 12)
+    assert volume(mesh) == pytest.approx(1)
+
+
 OBJ = {
     "quads": VERTICES + "".join("f {} {} {} {}\n".format(*(k + 1 for k in quad)) for quad in QUADS),
     "all kinds of corners": VERTICES + "vt 0 0\nvn 0 0 1\nf 1/1 4/1 3/1 2/1\nf 5/1/1 6/1/1 7/1/1 8/1/1\n"
