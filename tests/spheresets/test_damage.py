@@ -1,5 +1,7 @@
 """Meshes as users have them: what is found, what is said, and that the inside is right all the same."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -24,7 +26,7 @@ def mesh(vertices, faces) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.asarray(vertices, float), faces, process=False)
 
 
-def flipped(part, which=slice(None)):
+def flipped(part, which: Any = slice(None)):
     faces = part.faces.copy()
     faces[which] = faces[which][:, ::-1]
     return mesh(part.vertices, faces)

@@ -5,6 +5,7 @@ import json
 import struct
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,11 @@ def load(folder: Path, name: str, content: str | bytes):
     path = folder / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return load_mesh(path)
+
+
+def exported(part: trimesh.Trimesh, kind: str, **options) -> bytes:
+    content: Any = part.export(file_type=kind, **options)
+    return content.encode() if isinstance(content, str) else content
 
 
 def volume(mesh) -> float:
@@ -64,14 +70,13 @@ def test_ply(tmp_path, encoding, faces, number, index):
 
 def test_ply_normals(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=1)
-    mesh = load(tmp_path, "ball.ply", ball.export(file_type="ply", vertex_normal=True))
+    mesh = load(tmp_path, "ball.ply", exported(ball, "ply", vertex_normal=True))
     np.testing.assert_allclose(mesh.normals, ball.vertex_normals, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii"])
 def test_corners_of_stl_triangles_become_one_vertex(tmp_path, kind):
-    content = trimesh.creation.box().export(file_type=kind)
-    mesh = load(tmp_path, "box.stl", content)
+    mesh = load(tmp_path, "box.stl", exported(trimesh.creation.box(), kind))
     assert (len(mesh.vertices), len(mesh.faces)) == (8, 12)
     assert volume(mesh) == pytest.approx(1)
 
@@ -204,7 +209,7 @@ def without(document: dict, **first_primitive) -> dict:
 
 
 ACCESSOR = gltf()["accessors"][0]
-STL = trimesh.creation.icosphere(subdivisions=1).export(file_type="stl")
+STL = exported(trimesh.creation.icosphere(subdivisions=1), "stl")
 PLY = ply("binary_little_endian", MIXED)
 REFUSED = {
     "ply of a billion vertices": (
@@ -255,8 +260,8 @@ def test_files_that_lie_are_refused_with_the_reason(tmp_path, case):
 WHOLE = {
     "a.ply": [PLY, ply("ascii", MIXED), ply("binary_big_endian", QUADS)],
     "a.obj": [text.encode() for text in OBJ.values()],
-    "a.stl": [STL, trimesh.creation.box().export(file_type="stl_ascii").encode()],
-    "a.glb": [trimesh.Scene(trimesh.creation.box()).export(file_type="glb")],
+    "a.stl": [STL, exported(trimesh.creation.box(), "stl_ascii")],
+    "a.glb": [exported(trimesh.creation.box(), "glb")],
     "a.gltf": [json.dumps(gltf()).encode()],
 }
 
@@ -273,7 +278,9 @@ def spoilt_files(draw):
     return name, bytes(content[: draw(st.integers(0, len(content)))] if draw(st.booleans()) else content)
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large]
+)
 @given(spoilt_files())
 def test_spoilt_files_are_read_or_refused(tmp_path_factory, spoilt):
     name, content = spoilt
