@@ -76,7 +76,7 @@ class Balanced:
         """
         effort = COARSE if coarse else self._effort
         starts = int(np.clip(32 * effort.starts // count, 1, effort.starts))
-        samples = self._samples(count)
+        samples = self.samples(count)
         best, least = np.empty((0, 4)), np.inf
         with progress.task(f"fitting {count} spheres", starts * (effort.steps + effort.polish)) as advance:
             for start in range(starts):
@@ -90,7 +90,8 @@ class Balanced:
                     best, least = spheres, mistaken
         return best
 
-    def _samples(self, count: int) -> Samples:
+    def samples(self, count: int) -> Samples:
+        """What fits of `count` spheres learn from; drawn on first use, shared by counts of like size."""
         fineness = min(1.0, 256 / count)  # smaller spheres resolve finer detail: samples follow
         if fineness not in self._drawn:
             scale = int(np.clip(count // 512, 1, 8))

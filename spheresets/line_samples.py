@@ -14,10 +14,7 @@ Array = NDArray[np.float64]
 LINES = 100_000
 BATCH = 512  # bundles
 UNIFORM = 4  # one bundle in so many lies anywhere, the others at outlines
-SPREAD = (
-    0.0067,
-    0.02,
-)  # distances of bundles from their outline: two normal distributions, half of them each
+SPREAD = (0.0067, 0.02)  # standard deviations of bundles around their outline, half of them each
 BLUR = (0.003, 0.08)  # radii of bundles at the solid, log-uniform
 RECEIVER = 1.0  # distance of the point in which a bundle's lines meet
 HALVINGS = 9  # of the way across an outline: to 1/500 of it
