@@ -16,6 +16,7 @@ from coslobe.core.errors import CoslobeError, InvalidInput
 from coslobe.core.progress import SILENT, Progress
 from coslobe.spheresets.balanced import Balanced
 from coslobe.spheresets.files import SUFFIX, read_spheres, write_spheres
+from coslobe.spheresets.medial import Medial
 from coslobe.spheresets.mesh import Mesh
 from coslobe.spheresets.metrics import measure
 from coslobe.spheresets.model import MeshInfo, SphereSet, SphereTree
@@ -24,7 +25,7 @@ from coslobe.spheresets.settings import FitSettings
 from coslobe.spheresets.solid import Solid
 from coslobe.spheresets.tree import bounding_hierarchy, level_counts, parents
 
-METHODS = {"balanced": Balanced}
+METHODS = {"balanced": Balanced, "medial": Medial}
 
 
 def fit_spheres(

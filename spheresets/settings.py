@@ -7,6 +7,7 @@ from coslobe.core.errors import UsageError
 # Where spheres may reach, by method; the first is what the method was made for.
 MODES = {
     "balanced": ("balanced",),
+    "medial": ("outer", "inner"),
 }
 QUALITIES = ("fast", "best")
 
