@@ -24,8 +24,9 @@ from coslobe.spheresets.outside import outside_distances
 from coslobe.spheresets.settings import FitSettings
 from coslobe.spheresets.solid import Solid
 from coslobe.spheresets.tree import bounding_hierarchy, level_counts, parents
+from coslobe.spheresets.variational import Variational
 
-METHODS = {"balanced": Balanced, "medial": Medial}
+METHODS = {"balanced": Balanced, "variational": Variational, "medial": Medial}
 
 
 def fit_spheres(
@@ -43,9 +44,12 @@ def fit_spheres(
     started = time.perf_counter()
     with progress.task("sampling the mesh", 1) as advance:
         solid = Solid(mesh)
+        report, sheets = solid.report, solid.sheets
+        if sheets.any() and not sheets.all() and settings.mode != "outer":  # covers hold sheets, too
+            solid = Solid(replace(mesh, faces=mesh.faces[~sheets]))
         fits = METHODS[settings.method](solid, settings, device)
         advance()
-    if report := solid.report:
+    if report:
         progress.say(report)
     counts = level_counts(settings.count, settings.levels)
     fitted = [fits.fit(n, coarse=n != settings.count, progress=progress) for n in counts]

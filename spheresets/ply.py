@@ -8,7 +8,7 @@ import warnings
 from array import array
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +153,7 @@ def _table(data: NDArray[np.uint8], element: Element) -> tuple[dict, int]:
     table = data[:used].view(record) if used <= len(data) else None
     if table is None or any((table[f"length {k}"] != lengths[k]).any() for k in lists):
         return _ragged(data, element)
-    columns = {p.name: table[f"values {k}"] for k, p in enumerate(element.properties)}
+    columns: dict[str, Any] = {p.name: table[f"values {k}"] for k, p in enumerate(element.properties)}
     for k in lists:
         name = element.properties[k].name
         columns[name] = columns[name].reshape(-1), np.full(element.count, lengths[k])

@@ -1,5 +1,7 @@
 """The solid that a mesh bounds: inside test, distances and rays, by Embree through Open3D."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -112,10 +114,7 @@ class Solid:
         if len(area) == 1 or (self._surface.closed and same):
             return np.zeros(len(part), bool)
         rng = np.random.default_rng(0)
-        # Half of the looks go to all parts alike, however small.
-        share = self.areas * (1 / area.sum() + 1 / (len(area) * np.maximum(area, 1e-30))[part])
-        count = min(max(LOOKS, 16 * len(area)), MOST_LOOKS)
-        points, face = self._sample(count, share, rng)
+        points, face = self._looks(part, area, rng)
         normals = self._cross[face] / np.linalg.norm(self._cross[face], axis=1, keepdims=True)
         spread = rng.normal(size=points.shape)
         spread /= np.linalg.norm(spread, axis=1, keepdims=True)
@@ -127,6 +126,23 @@ class Solid:
         looks = np.bincount(part[face], minlength=len(area))
         over = np.where(np.abs(balance) > EVIDENT * looks, balance < 0, balance.sum() < 0)
         return over[part]
+
+    @property
+    def sheets(self) -> NDArray[np.bool_]:
+        """Triangles [m] of the connected parts that enclose nothing, neither alone nor together."""
+        _, part = np.unique(self._surface.part, return_inverse=True)
+        if self._surface.closed:
+            return np.zeros(len(part), bool)
+        points, face = self._looks(part, np.bincount(part, self.areas), np.random.default_rng(0))
+        open_ = np.bincount(part[face], self.both_sides(points, face) < 0.5, minlength=part.max() + 1)
+        return (open_ > 0.5 * np.bincount(part[face], minlength=len(open_)))[part]
+
+    def _looks(
+        self, part: NDArray[np.int64], area: NDArray[Any], rng: np.random.Generator
+    ) -> tuple[Points, NDArray[np.int64]]:
+        """Points on the surface and their triangles; half of them go to all parts alike, however small."""
+        share = self.areas * (1 / area.sum() + 1 / (len(area) * np.maximum(area, 1e-30))[part])
+        return self._sample(min(max(LOOKS, 16 * len(area)), MOST_LOOKS), share, rng)
 
     def _volumes(self) -> NDArray[np.float64]:
         """Signed volumes [m] of the cones from the origin to each triangle."""

@@ -179,6 +179,21 @@ def test_fits_say_what_they_found(mesh_of, one_device, monkeypatch):
     assert tree.finest.radii[0] == pytest.approx(1, abs=0.02)
 
 
+def test_sheets_beside_a_body_do_not_swell_its_spheres(mesh_of, one_device):
+    """Without thickness they have no volume to fill, but all the silhouette that spheres are to match."""
+    leaves = [mesh(PLATE.vertices * 0.3 + [x, 1.5, 0], PLATE.faces) for x in (-1.0, 0.0, 1.0)]
+    whole = mesh_of(joined(BALL, *leaves))
+    sheets = Solid(whole).sheets
+    np.testing.assert_array_equal(sheets, np.arange(len(whole.faces)) >= len(BALL.faces))
+    tree = fit_spheres(whole, FitSettings(1), device=one_device)
+    np.testing.assert_allclose(tree.finest.centers[0], 0, atol=0.02)
+    assert tree.finest.radii[0] == pytest.approx(1, abs=0.02)
+
+
+def test_patches_that_enclose_together_are_no_sheets(mesh_of):
+    assert not Solid(mesh_of(patches(BALL))).sheets.any()
+
+
 @pytest.mark.parametrize("scale", [1e-9, 1e9])
 @pytest.mark.parametrize("offset", [0.0, 1e6])
 def test_neither_size_nor_place_matters(scale, offset, mesh_of):
