@@ -63,8 +63,8 @@ def report(solid: Solid, spheres: np.ndarray, device: Device, label: str) -> Non
     m = measure(solid, SphereSet(placed[:, :3], placed[:, 3], np.zeros(len(placed))), device)
     print(
         f"{solid.name} {label}: silhouettes {m['silhouette_iou_mean']:.4f} / {m['silhouette_iou_min']:.3f}, "
-        f"volume {m['volume_iou']:.3f}, shadow error at radius {RADIUS} without contact "
-        f"{m['shadow_rmse_no_contact'][1]:.4f}, with {m['shadow_rmse'][1]:.4f}, bias {m['shadow_bias'][1]:+.4f}"
+        f"volume {m['volume_iou']:.3f}, shadow error at radius {RADIUS} {m['shadow_rmse'][1]:.4f}, "
+        f"without contact {m['shadow_rmse_no_contact'][1]:.4f}, bias {m['shadow_bias'][1]:+.4f}"
     )
 
 

@@ -5,10 +5,13 @@ import pytest
 import trimesh
 
 from coslobe.spheresets.balanced import Balanced
+from coslobe.spheresets.line_samples import draw_lines
 from coslobe.spheresets.metrics import measure, silhouette_ious
 from coslobe.spheresets.model import SphereSet
+from coslobe.spheresets.search import Search
 from coslobe.spheresets.settings import FitSettings
 from coslobe.spheresets.solid import Solid
+from coslobe.spheresets.starts import greedy_start
 from coslobe.spheresets.union import Union
 
 
@@ -43,8 +46,8 @@ def test_more_spheres_than_a_small_mesh_has_room_for(mesh_of, one_device):
 def test_a_ball_gives_the_ball_back(ball, one_device):
     solid = Solid(ball)
     spheres = fits(solid, one_device).fit(1) * solid.size
-    # the icosphere is 0.1 % smaller in the mean; the loss is flat within the last softness of 0.003
-    np.testing.assert_allclose(spheres, [[0, 0, 0, 1]], atol=0.005)
+    # the icosphere is 0.06 % smaller; over seeds the radius varies by 0.0001, the center by 0.0005
+    np.testing.assert_allclose(spheres, [[0, 0, 0, 1]], atol=0.002)
 
 
 def test_two_balls_give_two_spheres_back(mesh_of, one_device):
@@ -58,8 +61,23 @@ def test_two_balls_give_two_spheres_back(mesh_of, one_device):
     np.testing.assert_allclose(spheres, [[0, 0, 0, 1], [1.7, 0.3, 0, 0.4]], atol=0.01)
 
 
+def test_a_capsule_becomes_a_row_of_spheres(mesh_of, one_device):
+    """Radius 0.5 around an axis of length 2; both ends are hemispheres."""
+    solid = Solid(mesh_of(trimesh.creation.capsule(height=2, radius=0.5, count=[48, 48])))
+    spheres = fits(solid, one_device).fit(8, coarse=True)
+    assert silhouette_ious(solid, spheres).mean() > 0.985  # measured 0.993
+    placed = spheres * solid.size + [*solid.center, 0]
+    placed = placed[np.argsort(placed[:, 2])]
+    np.testing.assert_allclose(placed[:, :2], 0, atol=0.01)
+    # Spheres 2/7 apart leave notches, and exceed the tube by less than those to make up for it.
+    notch = 0.5 - np.sqrt(0.5**2 - (1 / 7) ** 2)
+    np.testing.assert_allclose(placed[:, 3], 0.5 + notch / 2, atol=notch / 2)
+    np.testing.assert_allclose(np.diff(placed[:, 2]), 2 / 7, atol=0.03)
+    np.testing.assert_allclose(placed[[0, -1], 2], [-1, 1], atol=0.01)
+
+
 def test_a_torus_becomes_a_ring_of_equal_spheres(torus, torus_fits):
-    spheres = torus_fits.fit(16) * torus.size
+    spheres = torus_fits.fit(16, coarse=True) * torus.size
     around = np.linalg.norm(spheres[:, :2], axis=1)
     # Spheres on a ring bulge and leave notches: larger than the tube and a little farther in or out.
     np.testing.assert_allclose(around, 1, atol=0.06)
@@ -84,8 +102,28 @@ def test_every_component_gets_its_share(mesh_of, one_device):
         trimesh.creation.icosphere(subdivisions=3, radius=0.1).apply_translation([1.5, 0, 0]),
     ]
     solid = Solid(mesh_of(*parts))
-    spheres = fits(solid, one_device).fit(8) * solid.size + [*solid.center, 0]
+    spheres = fits(solid, one_device).fit(8, coarse=True) * solid.size + [*solid.center, 0]
     assert (np.linalg.norm(spheres[:, :3] - [1.5, 0, 0], axis=1) < 0.1).any()
+
+
+def mistaken(solid: Solid, spheres, device) -> float:
+    """Share of lines, none of which the fit has seen, that only one of solid and spheres blocks."""
+    lines = draw_lines(solid, np.random.default_rng(99))
+    return float(np.mean((Union(device, spheres).lines(lines.origins, lines.directions) < 0) != lines.hit))
+
+
+@pytest.mark.parametrize("count", [3, 24])
+def test_each_part_of_a_search_pays(torus, torus_fits, one_device, count):
+    """A fit never loses to where it began, nor its polish to what it polishes."""
+    rng = np.random.default_rng(0)
+    samples = torus_fits.samples(count)
+    search = Search(samples, one_device, greedy_start(samples.points, count, 0, rng), count, rng)
+    errors = [mistaken(torus, search.spheres, one_device)]
+    search.anneal(300, 3, lambda *_: None)
+    errors.append(mistaken(torus, search.spheres, one_device))
+    search.polish(100, lambda *_: None)
+    errors.append(mistaken(torus, search.spheres, one_device))
+    assert errors[0] > errors[1] > errors[2]
 
 
 def test_the_mean_projected_area_is_the_solids(torus, torus_fits, one_device):
@@ -129,6 +167,15 @@ def test_place_does_not_matter(torus, mesh_of, one_device):
     spheres = fits(moved, one_device).fit(24, coarse=True)
     here = silhouette_ious(torus, fits(torus, one_device).fit(24, coarse=True)).mean()
     assert silhouette_ious(moved, spheres).mean() == pytest.approx(here, abs=0.005)
+
+
+def test_orientation_does_not_matter(torus, mesh_of, one_device):
+    """Turned, its box and all samples are others; the quality is the same to within the spread of seeds."""
+    turn = trimesh.transformations.rotation_matrix(1.0, [1, 2, 3])
+    turned = Solid(mesh_of(trimesh.creation.torus(1.0, 0.3, 96, 48).apply_transform(turn)))
+    there = silhouette_ious(turned, fits(turned, one_device).fit(24, coarse=True)).mean()
+    here = silhouette_ious(torus, fits(torus, one_device).fit(24, coarse=True)).mean()
+    assert there == pytest.approx(here, abs=0.005)
 
 
 def test_an_open_ball_is_fitted_as_a_ball(mesh_of, one_device):
