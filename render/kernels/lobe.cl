@@ -51,9 +51,10 @@ inline float smooth_minimum(float a, float b)
     return a * rsqrt(sqrt(1.0f + x2 * x2));
 }
 
-/* Integral of (r.v)^e (n.v) over the cap around a whose half-angle, at most 60 degrees, has this `sine` and
-   `depth` = 1 - cosine, the cap wholly in front of n; see coslobe.tables.lobe_cap.lookup_slice. */
-inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, float3 n, float3 a, float sine, float depth)
+/* Integral of (r.v)^e (n.v), or of (r.v)^e without `cosine`, over the cap around a whose half-angle, at most 60 degrees,
+   has this `sine` and `depth` = 1 - cosine, the cap wholly in front of n; see coslobe.tables.lobe_cap.lookup_slice. */
+inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, float3 n, float3 a, float sine, float depth,
+                           int with_cosine)
 {
     const float width = rsqrt(e + 1.0f);
     const float3 gap = a - r;
@@ -83,6 +84,8 @@ inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, floa
     const float cap = 2.0f * M_PI_F * depth, whole = 2.0f * M_PI_F / (e + 1.0f);
     /* Below e = 1 the samples overshoot where the lobe's hemisphere ends within a small cap; no lobe exceeds the cap. */
     const float integral = fmin(exp(log_t) * whole / (cap + whole), 1.0f) * cap;
+    if (!with_cosine)
+        return integral;
     const float along = g * near.z + f * far.z, towards = g * near.w + f * far.w;
     const float cosine = 1.0f - 0.5f * chord2;
     return integral * fmax(along * dot(n, r) + towards * (dot(n, a) - cosine * dot(n, r)), 0.0f);

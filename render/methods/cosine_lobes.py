@@ -1,6 +1,7 @@
 """The method of the product: sphere sets, bit masks and lobe integrals in one OpenCL kernel."""
 
 import time
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -16,10 +17,13 @@ from coslobe.render.groups import Groups, group
 from coslobe.render.mask import ROUNDING, disk, pack, turns
 from coslobe.render.materials import pack_materials
 from coslobe.render.methods.base import Shading
-from coslobe.render.scene import Scene
+from coslobe.render.scene import Mask, Scene
 from coslobe.tables import lobe_cap, store
 
-UNITS = ("vector.cl", "lobe.cl", "mask.cl", "shade.cl")  # in order of dependence
+# The program, in order of dependence; the estimator's unit goes before the last.
+UNITS = ("vector.cl", "lobe.cl", "mask.cl", "blockers.cl", "cells.cl", "materials.cl", "wide.cl")
+ESTIMATORS = {"accurate": ("accurate.cl",)}
+KERNEL = "shade.cl"
 WORK_GROUP = 64
 
 # Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
@@ -37,17 +41,20 @@ LARGEST_MOMENT_H = 0.2
 NEGLIGIBLE_LOBE = 1e-4
 
 
-def kernel_units() -> list[tuple[str, str]]:
+def kernel_units(estimator: str) -> list[tuple[str, str]]:
     """(name, source) of the program: the shared structs, then the kernel files in order."""
     folder = files("coslobe.render.kernels")
-    return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in UNITS]
+    names = (*UNITS, *ESTIMATORS[estimator], KERNEL)
+    return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in names]
 
 
-def kernel_defines(vector_width: int, depth: int, mode: str, *, glossy: bool) -> dict[str, int | float | str]:
+def kernel_defines(
+    vector_width: int, mask: Mask, max_lobes: int, *, anisotropic: bool = False, irradiance: bool = False
+) -> dict[str, int | float | str]:
     """Compile-time constants of one program variant."""
-    rows = 2**depth
+    rows = 2**mask.depth
     row_width = min(vector_width, rows)
-    first, last = ROUNDING[mode]
+    first, last = ROUNDING[mask.mode]
     return {
         "VW": vector_width,
         "ROWS": rows,
@@ -56,7 +63,9 @@ def kernel_defines(vector_width: int, depth: int, mode: str, *, glossy: bool) ->
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
         "DISK_CELLS": float(disk(rows).sum()),
-        "GLOSSY": int(glossy),
+        "MAX_LOBES": max_lobes,
+        "ANISOTROPIC": int(anisotropic),
+        "IRRADIANCE": int(irradiance),
         "CAPS": lobe_cap.CAPS,
         "ANGLES": lobe_cap.ANGLES,
         "SMALLEST_CAP": lobe_cap.SMALLEST_CAP,
@@ -80,25 +89,31 @@ class CosineLobes:
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
         self._points: tuple[GBuffer, Any, NDArray] | None = None
-        self._kernels: dict[tuple[tuple[str, Any], ...], Any] = {}
+        self._kernels: dict[tuple[Any, ...], Any] = {}
 
     def prepare(self, scene: Scene) -> None:
         """Load the lobe tables, building them on first use; a scene without lobes needs none."""
-        _, exponents = pack_materials(list(scene.materials.values()))
-        self._slice_buffer(exponents)
+        self._slice_buffer(pack_materials(list(scene.materials.values())).exponents)
 
-    def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
+    def shade(
+        self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
+    ) -> Shading:
         """Direct light at every point, from every light, through every blocker."""
         n = len(gbuffer.position)
         if n == 0 or not scene.lights:
-            return Shading(np.zeros((n, 3), np.float32), 0.0, 0.0, {"points": n, "lights": len(scene.lights)})
+            return _unlit(n, len(scene.lights), layers)
         device = self._device
-        materials, exponents = pack_materials(list(scene.materials.values()))
+        packed = pack_materials(list(scene.materials.values()))
         start = time.perf_counter()
-        glossy = len(exponents) > 0
-        mask = scene.shading.mask
-        defines = kernel_defines(device.info.vector_width, mask.depth, mask.mode, glossy=glossy)
-        kernel = self._kernel(defines)
+        irradiance = "irradiance" in layers
+        defines = kernel_defines(
+            device.info.vector_width,
+            scene.shading.mask,
+            packed.max_lobes,
+            anisotropic=packed.anisotropic,
+            irradiance=irradiance,
+        )
+        kernel = self._kernel(scene.shading.estimator, defines)
         build_seconds = time.perf_counter() - start
 
         points, origin = self._upload_points(gbuffer)
@@ -106,7 +121,9 @@ class CosineLobes:
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
         radiance = device.allocate(n * 3 * 4)
+        arriving = device.allocate(n * 3 * 4 if irradiance else 16)
         stats = device.allocate(n * layout.STATS.itemsize)
+        nothing = device.allocate(16)
         # The kernel object keeps references to buffers only while arguments are set, so they live here.
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
@@ -115,28 +132,44 @@ class CosineLobes:
             WORK_GROUP,
             points,
             np.int32(n),
+            nothing,
             *(np.float32(v) for v in eye),
-            device.upload(materials),
-            self._slice_buffer(exponents),
+            device.upload(packed.materials),
+            device.upload(packed.lobes),
+            self._slice_buffer(packed.exponents),
+            nothing,
+            nothing,
+            nothing,
             device.upload(lights),
             np.int32(len(lights)),
+            np.float32(scene.shading.threshold),
             *spheres,
             np.int32(groups.n_groups),
-            device.upload(pack(disk(2**mask.depth))),
+            device.upload(pack(disk(2**scene.shading.mask.depth))),
             radiance,
             stats,
+            arriving,
         )
         result = device.download(radiance, (n, 3), np.float32)
         counts = device.download(stats, (n,), layout.STATS)
-        return Shading(result, launch.seconds, build_seconds, _summary(counts, len(lights), blockers))
+        found = {"products": counts["products"], "mask_leaves": counts["leaves"]}
+        if irradiance:
+            found["irradiance"] = device.download(arriving, (n, 3), np.float32)
+        return Shading(
+            result,
+            launch.seconds,
+            build_seconds,
+            _summary(counts, len(lights), blockers),
+            {name: found[name] for name in layers},
+        )
 
-    def _kernel(self, defines: dict[str, Any]) -> Any:
+    def _kernel(self, estimator: str, defines: dict[str, Any]) -> Any:
         """The kernel of one program variant."""
         from pyopencl import Kernel
 
-        key = tuple(defines.items())
+        key = (estimator, *defines.items())
         if key not in self._kernels:
-            self._kernels[key] = Kernel(self._device.build(kernel_units(), defines), "shade")
+            self._kernels[key] = Kernel(self._device.build(kernel_units(estimator), defines), "shade")
         return self._kernels[key]
 
     def _upload_points(self, gbuffer: GBuffer) -> tuple[Any, NDArray]:
@@ -183,6 +216,12 @@ class CosineLobes:
                     self._tables = store.cached(self._progress)
                 self._slices = {key: self._device.upload(self._tables.lobe_cap.slice(exponents))}
         return self._slices[key]
+
+
+def _unlit(n: int, lights: int, layers: Sequence[str]) -> Shading:
+    """What there is to see without a point or without a light."""
+    dark = {name: np.zeros((n, 3) if name == "irradiance" else n, np.float32) for name in layers}
+    return Shading(np.zeros((n, 3), np.float32), 0.0, 0.0, {"points": n, "lights": lights}, dark)
 
 
 def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:

@@ -6,6 +6,7 @@ import pytest
 from coslobe.render import mask, unshadowed
 from coslobe.render.methods.cosine_lobes import kernel_defines, kernel_units
 from coslobe.render.own_spheres import own_radius
+from coslobe.render.scene import Mask
 from coslobe.tables import lobe, lobe_cap, store
 
 pytestmark = pytest.mark.filterwarnings("ignore:Kernel .* retrieved more than once")
@@ -85,14 +86,14 @@ __kernel void lobe_cap_many(__global const float4 *slices, __global const float 
     __global const float *p = arguments + 11 * i;
     const float depth = 2.0f * sin(0.5f * p[10]) * sin(0.5f * p[10]);
     out[i] = lobe_over_cap(slices + (int)p[0] * (CAPS * ANGLES), p[1], (float3)(p[2], p[3], 0.0f),
-                           (float3)(p[4], p[5], p[6]), (float3)(p[7], p[8], p[9]), sin(p[10]), depth);
+                           (float3)(p[4], p[5], p[6]), (float3)(p[7], p[8], p[9]), sin(p[10]), depth, 1);
 }
 """
 
 
 def program(device, depth=5, mode="centre"):
-    units = [*kernel_units(), ("wrappers", WRAPPERS)]
-    return device.build(units, kernel_defines(device.info.vector_width, depth, mode, glossy=True))
+    units = [*kernel_units("accurate"), ("wrappers", WRAPPERS)]
+    return device.build(units, kernel_defines(device.info.vector_width, Mask(depth=depth, mode=mode), 1))
 
 
 def run(device, kernel, inputs, shape, dtype):
