@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.core import cache
 from coslobe.core.errors import NoDevice
 from coslobe.core.files import sha256
 from coslobe.core.progress import SILENT, Progress
 from coslobe.render.gbuffer import RayCaster
-from coslobe.render.scene import Object, Plane, Scene
+from coslobe.render.plane import plane_mesh
+from coslobe.render.scene import Object, Scene
 from coslobe.spheresets.files import mismatch, read_spheres
 from coslobe.spheresets.fit import cache_file, cached_spheres
 from coslobe.spheresets.mesh import Mesh, load_mesh
@@ -125,21 +125,6 @@ def _arrays_hash(mesh: Mesh) -> str:
     for array in (mesh.vertices, mesh.faces, mesh.normals):
         digest.update(array.tobytes())
     return digest.hexdigest()
-
-
-def plane_mesh(plane: Plane) -> Mesh:
-    """The square in y = 0 as resolution x resolution cells of two triangles, facing +y."""
-    n = plane.resolution
-    ticks = (np.arange(n + 1) / n - 0.5) * plane.size
-    z, x = np.meshgrid(ticks, ticks, indexing="ij")
-    vertices = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=-1)
-    row, column = np.divmod(np.arange(n * n), n)
-    corner = row * (n + 1) + column
-    near, far = corner + n + 1, corner  # towards +z and -z
-    triangles = [np.stack([near, near + 1, far + 1], -1), np.stack([near, far + 1, far], -1)]
-    faces = np.stack(triangles, axis=1).reshape(-1, 3).astype(np.int32)
-    normals = np.tile([0.0, 1.0, 0.0], (len(vertices), 1))
-    return Mesh(vertices, faces, normals, "plane", cache.digest("plane", plane.size, plane.resolution))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.render.camera import Rays, camera_rays
+from coslobe.render.plane import locate
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
@@ -31,6 +32,10 @@ class GBuffer:
         row * width + column, row 0 on top.
     depth : float64 [n]
         Distance from the camera's origin along the ray.
+    triangle : int32 [n]
+        Of the object's mesh.
+    weights : float64 [n, 3]
+        Barycentric: of the triangle's corners.
     width, height, samples : int
         Image size in pixels, and samples per pixel.
     """
@@ -43,6 +48,8 @@ class GBuffer:
     material: NDArray
     pixel: NDArray
     depth: NDArray
+    triangle: NDArray
+    weights: NDArray
     width: int
     height: int
     samples: int
@@ -70,6 +77,8 @@ class _Nearest:
     shading_normal: NDArray
     object: NDArray
     material: NDArray
+    triangle: NDArray
+    weights: NDArray
 
     def accept(self, rays: NDArray, index: int, material: int, hits: "_Hits") -> None:
         self.t[rays] = hits.t
@@ -78,6 +87,8 @@ class _Nearest:
         self.shading_normal[rays] = hits.shading_normal
         self.object[rays] = index
         self.material[rays] = material
+        self.triangle[rays] = hits.triangle
+        self.weights[rays] = hits.weights
 
 
 @dataclass(frozen=True)
@@ -86,6 +97,8 @@ class _Hits:
     position: NDArray
     geometric_normal: NDArray
     shading_normal: NDArray
+    triangle: NDArray
+    weights: NDArray
 
 
 def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
@@ -98,7 +111,14 @@ def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
     n = len(rays.direction)
     zeros = np.zeros((n, 3))
     nearest = _Nearest(
-        np.full(n, np.inf), zeros, zeros.copy(), zeros.copy(), np.full(n, -1, np.int32), np.zeros(n, np.int32)
+        np.full(n, np.inf),
+        zeros,
+        zeros.copy(),
+        zeros.copy(),
+        np.full(n, -1, np.int32),
+        np.zeros(n, np.int32),
+        np.zeros(n, np.int32),
+        zeros.copy(),
     )
     materials = {name: index for index, name in enumerate(scene.materials)}
     for index, obj in enumerate(scene.objects.values()):
@@ -128,7 +148,8 @@ def _hit_plane(
     hit, local = candidates[inside], local[inside]
     normal = inverse.T @ np.array([0.0, 1.0, 0.0])
     normals = np.broadcast_to(normal / np.linalg.norm(normal), (len(hit), 3))
-    hits = _Hits(t[inside], local @ linear.T + translation, normals, normals)
+    place = locate(obj.plane, local[:, 0], local[:, 2])
+    hits = _Hits(t[inside], local @ linear.T + translation, normals, normals, *place)
     nearest.accept(hit, index, material, hits)
 
 
@@ -148,18 +169,20 @@ def _hit_mesh(
     t, triangle, u, v = caster.nearest(origin, direction / length[:, None])
     t = t / length
     hit = np.flatnonzero(t < nearest.t[candidates])
-    triangle, u, v = triangle[hit], u[hit, None], v[hit, None]
+    triangle = triangle[hit]
+    weights = np.stack([1 - u[hit] - v[hit], u[hit], v[hit]], axis=1)
     corners = mesh.faces[triangle]
     a, b, c = (mesh.vertices[corners[:, k]] for k in range(3))
-    local = (1 - u - v) * a + u * b + v * c
+    local = np.einsum("nk,nkd->nd", weights, mesh.vertices[corners])
     geometric = np.cross(b - a, c - a)
     if obj.normals == "flat":
         smooth = geometric
     else:
-        na, nb, nc = (mesh.normals[corners[:, k]] for k in range(3))
-        smooth = (1 - u - v) * na + u * nb + v * nc
+        smooth = np.einsum("nk,nkd->nd", weights, mesh.normals[corners])
         smooth = np.where(np.linalg.norm(smooth, axis=1, keepdims=True) > 1e-6, smooth, geometric)
-    hits = _Hits(t[hit], local @ linear.T + translation, _unit(geometric @ inverse), _unit(smooth @ inverse))
+    position = local @ linear.T + translation
+    normals = _unit(geometric @ inverse), _unit(smooth @ inverse)
+    hits = _Hits(t[hit], position, *normals, triangle.astype(np.int32), weights)
     nearest.accept(candidates[hit], index, material, hits)
 
 
@@ -199,6 +222,8 @@ def _turned_to_viewer(scene: "Scene", rays: Rays, nearest: _Nearest) -> GBuffer:
         material=nearest.material[hit],
         pixel=rays.pixel[hit],
         depth=nearest.t[hit],
+        triangle=nearest.triangle[hit],
+        weights=nearest.weights[hit],
         width=scene.image.width,
         height=scene.image.height,
         samples=scene.image.samples,

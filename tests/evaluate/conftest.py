@@ -37,6 +37,8 @@ class Bench:
             material=zeros,
             pixel=np.arange(n, dtype=np.int32),
             depth=np.ones(n),
+            triangle=zeros,
+            weights=np.tile([1.0, 0.0, 0.0], (n, 1)),
             width=n,
             height=1,
             samples=1,

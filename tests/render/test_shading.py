@@ -45,7 +45,7 @@ def points(position, normal=(0, 1, 0), *, material=0, owner=0, eye=EYE) -> GBuff
     ints = np.zeros(n, np.int32)
     return GBuffer(
         position, normals, normals, view / distance[:, None], ints + owner, ints + material,
-        np.arange(n, dtype=np.int32), distance, n, 1, 1,
+        np.arange(n, dtype=np.int32), distance, ints, np.tile([1.0, 0.0, 0.0], (n, 1)), n, 1, 1,
     )  # fmt: skip
 
 
