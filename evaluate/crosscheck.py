@@ -17,7 +17,7 @@ from coslobe.core.errors import CoslobeError
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
-    from coslobe.render.scene import Material, Object, Scene
+    from coslobe.render.scene import Material, Object, Scene, SphereLight
     from coslobe.spheresets.mesh import Mesh
 
 MODIFIED_PHONG = "coslobe_modified_phong"
@@ -88,17 +88,20 @@ def mitsuba_scene(
         },
     }
     for name, light in scene.lights.items():
-        result[f"light {name}"] = {
-            "type": "sphere",
-            "center": list(light.sphere.center),
-            "radius": light.sphere.radius,
-            "emitter": {"type": "area", "radiance": _rgb(light.sphere.radiance)},
-        }
+        result[f"light {name}"] = _emitter(light.sphere)
     for name, obj in scene.objects.items():
         if obj.visible:
             shape = _shape(mitsuba, name, obj, assets, folder)
             result[f"object {name}"] = {**shape, "bsdf": _bsdf(scene.materials[obj.material])}
     return result
+
+
+def _emitter(sphere: "SphereLight") -> dict[str, Any]:
+    emission = _rgb(tuple(sphere.emission()))
+    if sphere.radius == 0:
+        return {"type": "point", "position": list(sphere.center), "intensity": emission}
+    emitter = {"type": "area", "radiance": emission}
+    return {"type": "sphere", "center": list(sphere.center), "radius": sphere.radius, "emitter": emitter}
 
 
 def _shape(mitsuba: Any, name: str, obj: "Object", assets: "Assets", folder: Path) -> dict[str, Any]:

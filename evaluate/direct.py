@@ -12,7 +12,7 @@ from coslobe.core.device import cpu_count
 from coslobe.core.progress import SILENT, Progress
 from coslobe.evaluate.brdf import Term, brdf_terms, dot
 from coslobe.evaluate.occlusion import Occluders, Segments, entry_distance
-from coslobe.evaluate.sampling import Strata, light_caps, square_to_cap
+from coslobe.evaluate.sampling import Caps, Strata, light_caps, square_to_cap
 
 if TYPE_CHECKING:
     from coslobe.render.gbuffer import GBuffer
@@ -129,11 +129,18 @@ def _block_light(
         )
         cosine *= ~occluders.blocked(segments)
         mean, covariance = _moments([term.values(shading, view, directions) * cosine for term in terms])
-        solid_angle = (2 * np.pi * caps.height)[:, None]
-        colours = np.stack([term.colour for term in terms]) * np.asarray(light.radiance, np.float64)
-        radiance[lit] += solid_angle * (mean @ colours)
-        variance[lit] += solid_angle**2 * np.einsum("pkl,kc,lc->pc", covariance, colours, colours)
+        measure = _measure(caps, center - position, light.radius)[:, None]
+        colours = np.stack([term.colour for term in terms]) * light.emission()
+        radiance[lit] += measure * (mean @ colours)
+        variance[lit] += measure**2 * np.einsum("pkl,kc,lc->pc", covariance, colours, colours)
     return Estimate(radiance, variance)
+
+
+def _measure(caps: Caps, to_light: NDArray, radius: float) -> NDArray:
+    """What the mean over the samples stands for: the cap's solid angle, or 1 / d^2 for a point light."""
+    if radius > 0:
+        return 2 * np.pi * caps.height
+    return 1 / np.maximum(np.einsum("ij,ij->i", to_light, to_light), np.finfo(float).tiny)
 
 
 def _moments(values: list[NDArray]) -> tuple[NDArray, NDArray]:

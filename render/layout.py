@@ -33,6 +33,7 @@ LOBE = np.dtype(
         ("cosine", np.int32),  # 0: the lobe stands for BRDF times cosine
     ]
 )
+# A light of radius 0 has an intensity in the place of its radiance.
 LIGHT = np.dtype([("center", *_F3), ("radius", np.float32), ("radiance", *_F3)])
 # Per point: lights by how they are seen; spheres splatted, lobe products computed, mask leaves integrated.
 STATS = np.dtype(

@@ -24,6 +24,12 @@ inline rf lobe_rows(rf q, float e)
     return select((rf)(0.0f), p * power, (y > -80.0f) & (q < 1.0f));
 }
 
+/* The same for one direction. */
+inline float lobe_value(float q, float e)
+{
+    return q < 1.0f ? exp(fmax(e * log1p(-q), -80.0f)) : 0.0f;
+}
+
 /* Irradiance / radiance of a uniform sphere light that a horizon may cut: Snyder 1996; Lagarde and de Rousiers
    2014. `co` = n.a, `q` = (r / d)^2 < 1. */
 inline float lambert_sphere(float co, float q)

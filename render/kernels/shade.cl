@@ -49,9 +49,15 @@ __kernel void shade(__global const point_t *points, const int n_points, __global
         cap.near = cap.d - r;
         cap.tau = fmax(cap.near * (cap.d + r), 0.0f);
         cap.tangent = sqrt(cap.tau);
-        float diffuse;
-        float3 part;
-        if (cap.near <= 0.0f || cap.tau < COS2_WIDE * d2) {
+        float diffuse = 0.0f;
+        float3 part = 0.0f;
+        if (r == 0.0f) {
+            if (d2 == 0.0f)
+                continue;
+            cap.a = to_light / cap.d;
+            part = reflected_point(&receiver, &brdf, &cap, &blockers, j, &diffuse);
+            *(diffuse > 0.0f ? &count.lit : &count.dark) += 1;
+        } else if (cap.near <= 0.0f || cap.tau < COS2_WIDE * d2) {
             const int inside = cap.near <= 0.0f;
             cap.a = inside ? receiver.geometric : to_light / cap.d;
             cap.cosine = inside ? 0.0f : cap.tangent / cap.d;

@@ -36,3 +36,25 @@ inline float3 reflected_wide(const receiver_t *receiver, const brdf_t *brdf, con
         sum += brdf->lobes[l].colour * wide_sum(blockers, receiver, cap, light, inside, &brdf->lobes[l]);
     return sum;
 }
+
+/* BRDF times cosine over the squared distance of a point light: one direction, seen or not. */
+inline float3 reflected_point(const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap,
+                              const blockers_t *blockers, int light, float *irradiance)
+{
+    const float3 l = cap->a;
+    const float cosine = dot(receiver->shading, l);
+    *irradiance = 0.0f;
+    if (cosine <= 0.0f || dot(receiver->geometric, l) <= 0.0f
+        || (blockers->n_groups > 0 && blocked(blockers, receiver, light, l, cap->d)))
+        return 0.0f;
+    const float falloff = 1.0f / (cap->d * cap->d);
+    *irradiance = cosine * falloff;
+    float3 sum = brdf->kd * *irradiance;
+    for (int k = 0; k < brdf->n_lobes; k++) {
+        const bound_lobe_t *lobe = &brdf->lobes[k];
+        const float3 gap = lobe->axis - l;
+        const float value = lobe_value(0.5f * dot(gap, gap), lobe->exponent);
+        sum += lobe->colour * (value * falloff * (lobe->cosine ? cosine : 1.0f));
+    }
+    return sum;
+}

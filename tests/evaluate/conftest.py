@@ -12,6 +12,7 @@ from coslobe.evaluate.direct import Estimate, direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres
 from coslobe.evaluate.sampling import strata
 from coslobe.render.gbuffer import GBuffer
+from coslobe.render.scene import SphereLight
 from coslobe.spheresets.files import write_spheres
 from coslobe.spheresets.model import Hierarchy, MeshInfo, SphereSet, SphereTree
 
@@ -56,7 +57,9 @@ class Bench:
 
     @staticmethod
     def light(center, radius, radiance=1.0):
-        return SimpleNamespace(sphere=SimpleNamespace(center=center, radius=radius, radiance=(radiance,) * 3))
+        """A radius of 0 makes `radiance` an intensity."""
+        emission = {"radiance" if radius else "intensity": (radiance,) * 3}
+        return SimpleNamespace(sphere=SphereLight(center=tuple(map(float, center)), radius=radius, **emission))
 
     @staticmethod
     def spheres(*spheres, owner=NONE, outside=0.0) -> Spheres:
