@@ -1,13 +1,16 @@
 """Which points are shaded: the nearest surface behind every camera sample."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.render.camera import Rays, camera_rays
+from coslobe.render.fields import Source
 from coslobe.render.plane import locate
+from coslobe.render.surface import with_surface
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
@@ -38,6 +41,11 @@ class GBuffer:
         Barycentric: of the triangle's corners.
     width, height, samples : int
         Image size in pixels, and samples per pixel.
+    texels : dict
+        By picture, what it holds at the points, [n] or [n, 3]; 0 where no texture of it is seen.
+    tangent : float64 [n, 3] or None
+        Unit vectors perpendicular to the shading normal, the x of tangent frames; None where no material
+        needs it.
     """
 
     position: NDArray
@@ -53,12 +61,19 @@ class GBuffer:
     width: int
     height: int
     samples: int
+    texels: Mapping[Source, NDArray] = field(default_factory=dict)
+    tangent: NDArray | None = None
 
     def image(self, values: NDArray) -> NDArray:
-        """Average `values` [n, c] over each pixel's samples (box filter, background 0): float64 [h, w, c]."""
+        """Average `values` [n] or [n, c] over each pixel's samples (box filter, background 0).
+
+        Returns float64 [h, w] or [h, w, c].
+        """
         size = self.width * self.height
-        channels = [np.bincount(self.pixel, values[:, c], size) for c in range(values.shape[1])]
-        return np.stack(channels, axis=-1).reshape(self.height, self.width, -1) / self.samples
+        columns = values.reshape(len(values), int(np.prod(values.shape[1:]))).T
+        channels = [np.bincount(self.pixel, column, size) for column in columns]
+        mean = np.stack(channels, axis=-1) / self.samples
+        return mean.reshape(self.height, self.width, *values.shape[1:])
 
     def first_image(self, values: NDArray, background: float) -> NDArray:
         """`values` [n] or [n, c] of one sample of each pixel, unfiltered: for indices and normals."""
@@ -106,6 +121,11 @@ def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
 
     Each object is traced in its own frame, so that meshes need one acceleration structure for all frames
     and instances, and positions come from barycentric coordinates in float64.
+
+    Raises
+    ------
+    InvalidInput
+        A texture or a tangent frame is missing; see `with_surface`.
     """
     rays = camera_rays(scene)
     n = len(rays.direction)
@@ -125,7 +145,7 @@ def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
         if obj.visible:
             hit_object = _hit_plane if obj.plane is not None else _hit_mesh
             hit_object(obj, index, materials[obj.material], assets, rays, nearest)
-    return _turned_to_viewer(scene, rays, nearest)
+    return with_surface(_turned_to_viewer(scene, rays, nearest), scene, assets)
 
 
 def _hit_plane(

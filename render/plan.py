@@ -137,6 +137,7 @@ def settings_hash(scene: Scene, assets: Assets, device: DeviceInfo, layers: Sequ
     data = scene.model_dump(mode="json")
     for name, obj in scene.objects.items():
         data["objects"][name] |= assets.contents(obj)
+    data["materials"] = {name: assets.material_contents(part) for name, part in scene.materials.items()}
     order = [list(part) for part in (scene.materials, scene.lights, scene.objects)]
     runtime = (device.platform, device.version, device.name, device.vector_width)
     return cache.digest(VERSION, cache.code_digest(*CODE), data, order, runtime, list(layers))

@@ -20,7 +20,9 @@ def plane_mesh(plane: Plane) -> Mesh:
     triangles = [np.stack([near, near + 1, far + 1], -1), np.stack([near, far + 1, far], -1)]
     faces = np.stack(triangles, axis=1).reshape(-1, 3).astype(np.int32)
     normals = np.tile([0.0, 1.0, 0.0], (len(vertices), 1))
-    return Mesh(vertices, faces, normals, "plane", cache.digest("plane", plane.size, plane.resolution))
+    uv = np.stack([x.ravel(), -z.ravel()], axis=-1) / plane.size + 0.5  # v grows away from the viewer at +z
+    digest = cache.digest("plane", plane.size, plane.resolution)
+    return Mesh(vertices, faces, normals, "plane", digest, uv)
 
 
 def locate(plane: Plane, x: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:

@@ -173,8 +173,11 @@ class _Renderer:
         return _record(planned, len(points.position), shading.kernel_seconds, gbuffer_seconds, seconds)
 
     def _visible(self, scene: Scene) -> GBuffer:
-        """The shaded points, traced again only where the camera or an object has changed."""
-        seen = (scene.camera, scene.image, scene.objects, list(scene.materials))
+        """The shaded points, traced again only where the camera, an object or a picture has changed."""
+        materials = [
+            (name, part.pictures, part.anisotropic, part.tangent) for name, part in scene.materials.items()
+        ]
+        seen = (scene.camera, scene.image, scene.objects, materials)
         if self._gbuffer is None or seen != self._seen:
             self._gbuffer, self._seen = trace_gbuffer(scene, self._assets), seen
         return self._gbuffer

@@ -10,6 +10,7 @@ from coslobe.core.errors import CoslobeError
 from coslobe.core.files import atomic_path
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.images import srgb
+from coslobe.render.surface import with_surface
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
 def vertex_points(scene: "Scene", assets: "Assets") -> GBuffer:
     """Every vertex of the visible objects, in the order of the scene file, as points to be shaded.
 
-    Vertices have no triangle of their own: their normal is both the geometric and the shading normal, turned
-    to the viewer. Pixels only number them.
+    Their normal is both the geometric and the shading normal, turned to the viewer; their triangle is one of
+    those around them. Pixels only number them.
     """
     eye = np.asarray(scene.camera.look_at.origin, np.float64)
     materials = {name: index for index, name in enumerate(scene.materials)}
@@ -30,15 +31,18 @@ def vertex_points(scene: "Scene", assets: "Assets") -> GBuffer:
             mesh, matrix = assets.mesh(obj), obj.transform.matrix()
             position = mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3]
             normal = _unit(mesh.normals @ np.linalg.inv(matrix[:3, :3]))
-            parts.append((position, normal, np.full((len(position), 2), (index, materials[obj.material]))))
-    empty = [(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2), int))]
+            indices = np.full((len(position), 4), (index, materials[obj.material], 0, 0))
+            corners = np.arange(mesh.faces.size)
+            indices[mesh.faces.ravel(), 2:] = np.stack(np.divmod(corners, 3), axis=1)
+            parts.append((position, normal, indices))
+    empty = [(np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 4), int))]
     position, normal, indices = (np.concatenate(column) for column in zip(*(parts or empty), strict=True))
     n = len(position)
     to_eye = eye - position
     distance = np.linalg.norm(to_eye, axis=1)
     view = to_eye / np.maximum(distance, np.finfo(float).tiny)[:, None]
     normal = normal * np.where(np.einsum("ij,ij->i", normal, view) < 0, -1.0, 1.0)[:, None]
-    return GBuffer(
+    points = GBuffer(
         position=position,
         geometric_normal=normal,
         shading_normal=normal,
@@ -47,12 +51,13 @@ def vertex_points(scene: "Scene", assets: "Assets") -> GBuffer:
         material=indices[:, 1].astype(np.int32),
         pixel=np.arange(n, dtype=np.int32),
         depth=distance,
-        triangle=np.zeros(n, np.int32),
-        weights=np.tile([1.0, 0.0, 0.0], (n, 1)),
+        triangle=indices[:, 2].astype(np.int32),
+        weights=np.eye(3)[indices[:, 3]],
         width=max(int(np.ceil(np.sqrt(n))), 1),
         height=1,
         samples=1,
     )
+    return with_surface(points, scene, assets)
 
 
 def interpolate(scene: "Scene", assets: "Assets", seen: GBuffer, values: NDArray) -> NDArray:

@@ -31,6 +31,8 @@ class Mesh:
         As given: a path, or "sample:bunny".
     sha256 : str
         Hash of the file's bytes.
+    uv : float64 [n, 2] or None
+        Texture coordinates, v up; NaN where a part of the file has none, None where no part has any.
     """
 
     vertices: NDArray[np.float64]
@@ -38,6 +40,7 @@ class Mesh:
     normals: NDArray[np.float64]
     file: str
     sha256: str
+    uv: NDArray[np.float64] | None = None
 
     @property
     def name(self) -> str:
@@ -74,8 +77,8 @@ def load_mesh(source: str | Path) -> Mesh:
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidInput(f"{path}: not a mesh file type that can be read", f"use {', '.join(SUFFIXES)}")
     digest = sha256(path)
-    vertices, faces, normals = _triangles(path)
-    return Mesh(vertices, faces, normals, str(source), digest)
+    vertices, faces, normals, uv = _triangles(path)
+    return Mesh(vertices, faces, normals, str(source), digest, uv)
 
 
 def _sample_bunny() -> Mesh:
@@ -88,13 +91,15 @@ def _sample_bunny() -> Mesh:
             f"{SAMPLE_BUNNY}: the installed pymeshlab does not contain the bunny", "pip install pymeshlab"
         )
     digest = sha256(path)
-    vertices, faces, normals = _triangles(path)
+    vertices, faces, normals, uv = _triangles(path)
     lower, upper = vertices.min(0), vertices.max(0)
     origin = np.array([(lower[0] + upper[0]) / 2, lower[1], (lower[2] + upper[2]) / 2])
-    return Mesh((vertices - origin) / (upper - lower).max(), faces, normals, SAMPLE_BUNNY, digest)
+    return Mesh((vertices - origin) / (upper - lower).max(), faces, normals, SAMPLE_BUNNY, digest, uv)
 
 
-def _triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
+def _triangles(
+    path: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64] | None]:
     import trimesh
 
     try:
@@ -108,10 +113,11 @@ def _triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDAr
     parts = [part for part in parts if part is not None]
     if not parts:
         raise InvalidInput(f"{path}: holds no triangles", "export surfaces, not points or lines")
-    offsets = np.cumsum([0] + [len(vertices) for vertices, _, _ in parts])
-    vertices = np.concatenate([vertices for vertices, _, _ in parts])
-    faces = np.concatenate([faces + offset for (_, faces, _), offset in zip(parts, offsets, strict=False)])
-    normals = np.concatenate([normals for _, _, normals in parts])
+    offsets = np.cumsum([0] + [len(vertices) for vertices, _, _, _ in parts])
+    vertices = np.concatenate([vertices for vertices, _, _, _ in parts])
+    faces = np.concatenate([faces + offset for (_, faces, _, _), offset in zip(parts, offsets, strict=False)])
+    normals = np.concatenate([normals for _, _, normals, _ in parts])
+    uv = np.concatenate([uv for _, _, _, uv in parts])
 
     if faces.min() < 0 or faces.max() >= len(vertices):
         face = int(np.flatnonzero(((faces < 0) | (faces >= len(vertices))).any(1))[0])
@@ -131,11 +137,11 @@ def _triangles(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDAr
     if missing.any():
         normals[missing] = angle_weighted_normals(vertices, faces)[missing]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return vertices, faces.astype(np.int32), normals
+    return vertices, faces.astype(np.int32), normals, uv if np.isfinite(uv).any() else None
 
 
-def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None:
-    """Vertices, faces and file normals (zero where the file has none) of one node in scene coordinates."""
+def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]] | None:
+    """Vertices, faces, the file's normals (else 0) and uv (else NaN) of one node in scene coordinates."""
     import trimesh
 
     transform, name = scene.graph[node]
@@ -155,7 +161,9 @@ def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[
         if np.linalg.det(linear) < 0:
             faces = faces[:, ::-1]
             normals = -normals
-    return vertices, faces, normals
+    uv = getattr(geometry.visual, "uv", None)
+    uv = np.full((len(vertices), 2), np.nan) if uv is None else np.array(uv, np.float64)[:, :2]
+    return vertices, faces, normals, uv
 
 
 def _cofactors(m: NDArray[np.float64]) -> NDArray[np.float64]:

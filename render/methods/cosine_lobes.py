@@ -88,12 +88,13 @@ class CosineLobes:
         self._progress = progress
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
-        self._points: tuple[GBuffer, Any, NDArray] | None = None
+        self._points: tuple[GBuffer, NDArray, Any, NDArray] | None = None
         self._kernels: dict[tuple[Any, ...], Any] = {}
 
     def prepare(self, scene: Scene) -> None:
         """Load the lobe tables, building them on first use; a scene without lobes needs none."""
-        self._slice_buffer(pack_materials(list(scene.materials.values())).exponents)
+        if any(material.lambert is None for material in scene.materials.values()):
+            self._lobe_tables()
 
     def shade(
         self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
@@ -103,20 +104,20 @@ class CosineLobes:
         if n == 0 or not scene.lights:
             return _unlit(n, len(scene.lights), layers)
         device = self._device
-        packed = pack_materials(list(scene.materials.values()))
+        packed = pack_materials(scene.materials, gbuffer)
         start = time.perf_counter()
         irradiance = "irradiance" in layers
         defines = kernel_defines(
             device.info.vector_width,
             scene.shading.mask,
             packed.max_lobes,
-            anisotropic=packed.anisotropic,
+            anisotropic=gbuffer.tangent is not None,
             irradiance=irradiance,
         )
         kernel = self._kernel(scene.shading.estimator, defines)
         build_seconds = time.perf_counter() - start
 
-        points, origin = self._upload_points(gbuffer)
+        points, origin = self._upload_points(gbuffer, packed.index)
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
@@ -132,7 +133,7 @@ class CosineLobes:
             WORK_GROUP,
             points,
             np.int32(n),
-            nothing,
+            nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),
             *(np.float32(v) for v in eye),
             device.upload(packed.materials),
             device.upload(packed.lobes),
@@ -172,25 +173,25 @@ class CosineLobes:
             self._kernels[key] = Kernel(self._device.build(kernel_units(estimator), defines), "shade")
         return self._kernels[key]
 
-    def _upload_points(self, gbuffer: GBuffer) -> tuple[Any, NDArray]:
+    def _upload_points(self, gbuffer: GBuffer, material: NDArray) -> tuple[Any, NDArray]:
         """The points relative to their middle, so that float32 serves scenes far from the origin.
 
         It is the median: a few points near the horizon of a large plane must not move it away from the rest.
-        A G-buffer that did not change stays on the device.
+        A G-buffer that did not change stays on the device. `material` is the index of each point's struct.
         """
-        if self._points is not None and self._points[0] is gbuffer:
-            return self._points[1], self._points[2]
+        if self._points and self._points[0] is gbuffer and np.array_equal(self._points[1], material):
+            return self._points[2:]
         every = -(-len(gbuffer.position) // 4096)  # a few thousand of them tell as much
         origin = np.median(gbuffer.position[::every], axis=0)
         packed = np.empty(len(gbuffer.position), layout.POINT)
         packed["position"] = gbuffer.position - origin
         packed["geometric"] = gbuffer.geometric_normal
         packed["shading"] = gbuffer.shading_normal
-        packed["material"] = gbuffer.material
+        packed["material"] = material
         packed["object"] = gbuffer.object
         packed["turn"] = turns(gbuffer.pixel, gbuffer.width)
-        self._points = (gbuffer, self._device.upload(packed), origin)
-        return self._points[1], origin
+        self._points = (gbuffer, material, self._device.upload(packed), origin)
+        return self._points[2:]
 
     def _groups(self, scene: Scene, blockers: Blockers, origin: NDArray) -> Groups:
         """All blockers of the frame, the emitters too where there are several lights."""
@@ -212,10 +213,13 @@ class CosineLobes:
             if not key:
                 self._slices[key] = self._device.allocate(16)
             else:
-                if self._tables is None:
-                    self._tables = store.cached(self._progress)
-                self._slices = {key: self._device.upload(self._tables.lobe_cap.slice(exponents))}
+                self._slices = {key: self._device.upload(self._lobe_tables().lobe_cap.slice(exponents))}
         return self._slices[key]
+
+    def _lobe_tables(self) -> store.LobeTables:
+        if self._tables is None:
+            self._tables = store.cached(self._progress)
+        return self._tables
 
 
 def _unlit(n: int, lights: int, layers: Sequence[str]) -> Shading:
