@@ -70,7 +70,7 @@ def test_radiance_that_is_not_finite_is_not_written(scene, tmp_path):
 
 def test_a_fine_grid_shaded_at_its_vertices_is_the_picture(scene, tmp_path, device, tiny_scene):
     """Away from shadow edges interpolation errs by the square of the grid's cells."""
-    changes = ["objects.floor.plane.resolution=64", "objects.cube.visible=false", "animation=[]"]
+    changes = ["objects.ground.plane.resolution=64", "objects.cube.visible=false", "animation=[]"]
     pictures = {}
     for at in ("vertices", "pixels"):
         file = load_scene(tiny_scene, [*changes, f"shading.at={at}"])
