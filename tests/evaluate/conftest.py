@@ -12,7 +12,7 @@ from coslobe.evaluate.direct import Estimate, direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres
 from coslobe.evaluate.sampling import strata
 from coslobe.render.gbuffer import GBuffer
-from coslobe.render.scene import SphereLight
+from coslobe.render.scene import Material, SphereLight
 from coslobe.spheresets.files import write_spheres
 from coslobe.spheresets.model import Hierarchy, MeshInfo, SphereSet, SphereTree
 
@@ -47,19 +47,19 @@ class Bench:
 
     @staticmethod
     def lambert(albedo=1.0):
-        return SimpleNamespace(lambert=SimpleNamespace(albedo=(albedo,) * 3), phong=None)
+        return Material.model_validate({"lambert": {"albedo": albedo}})
 
     @staticmethod
     def phong(kd=0.0, ks=1.0, exponent=50.0):
-        return SimpleNamespace(
-            lambert=None, phong=SimpleNamespace(kd=(kd,) * 3, ks=(ks,) * 3, exponent=exponent)
-        )
+        return Material.model_validate({"phong": {"kd": kd, "ks": ks, "exponent": exponent}})
 
     @staticmethod
     def light(center, radius, radiance=1.0):
         """A radius of 0 makes `radiance` an intensity."""
         emission = {"radiance" if radius else "intensity": (radiance,) * 3}
-        return SimpleNamespace(sphere=SphereLight(center=tuple(map(float, center)), radius=radius, **emission))
+        return SimpleNamespace(
+            sphere=SphereLight(center=tuple(map(float, center)), radius=radius, **emission)
+        )
 
     @staticmethod
     def spheres(*spheres, owner=NONE, outside=0.0) -> Spheres:
