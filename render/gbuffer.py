@@ -1,7 +1,7 @@
 """Which points are shaded: the nearest surface behind every camera sample."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +63,27 @@ class GBuffer:
     samples: int
     texels: Mapping[Source, NDArray] = field(default_factory=dict)
     tangent: NDArray | None = None
+
+    def some(self, index: NDArray) -> "GBuffer":
+        """The points that `index` names, in that order."""
+        arrays = {
+            name: getattr(self, name)[index]
+            for name in (
+                "position",
+                "geometric_normal",
+                "shading_normal",
+                "view",
+                "object",
+                "material",
+                "pixel",
+                "depth",
+                "triangle",
+                "weights",
+            )
+        }
+        texels = {source: values[index] for source, values in self.texels.items()}
+        tangent = None if self.tangent is None else self.tangent[index]
+        return replace(self, **arrays, texels=texels, tangent=tangent)
 
     def image(self, values: NDArray) -> NDArray:
         """Average `values` [n] or [n, c] over each pixel's samples (box filter, background 0).

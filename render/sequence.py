@@ -22,6 +22,7 @@ from coslobe.core.files import remove_leftovers, write_json
 from coslobe.core.progress import SILENT, Progress
 from coslobe.core.version import VERSION
 from coslobe.render.assets import Assets, world_blockers
+from coslobe.render.budget import within_budget
 from coslobe.render.gbuffer import GBuffer, trace_gbuffer
 from coslobe.render.images import BEAUTY, write_exr, write_png
 from coslobe.render.methods import create_method
@@ -159,6 +160,7 @@ class _Renderer:
         points = vertex_points(scene, self._assets) if at_vertices else gbuffer
         gbuffer_seconds = time.perf_counter() - start
         blockers = world_blockers(scene, self._assets)
+        scene = within_budget(self._method, scene, points, blockers)
         made = [name for name in self._layers if name in METHOD_LAYERS]
         shading = self._method.shade(scene, points, blockers, made)
         self.build_seconds += shading.build_seconds

@@ -1,4 +1,4 @@
-"""Shading at mesh vertices: which points that are, the picture between them, and the file they are kept in."""
+"""Shading at mesh vertices: which points that are, the picture between them, and the file of them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
