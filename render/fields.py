@@ -15,7 +15,6 @@ from pydantic import (
     ValidationInfo,
     WithJsonSchema,
 )
-from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
 LARGEST = 1e30  # kernels compute in single precision
@@ -92,19 +91,6 @@ def _mesh(value: Any, info: ValidationInfo) -> str:
     return _file(value, info)
 
 
-def _not_yet(value: Any) -> Any:
-    raise wrong("not supported in this version")
-
-
-def supported_only(*later: str) -> BeforeValidator:
-    """Refuse values that the scene file will take in a later version."""
-
-    def check(value: Any) -> Any:
-        return _not_yet(value) if value in later else value
-
-    return BeforeValidator(check)
-
-
 _TRIPLE = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 _COLOUR = {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 3, "maxItems": 3}
 
@@ -126,7 +112,6 @@ Colour = Annotated[
 Name = Annotated[str, BeforeValidator(_name)]
 File = Annotated[str, BeforeValidator(_file)]
 MeshFile = Annotated[str, BeforeValidator(_mesh)]
-NotYet = SkipJsonSchema[Annotated[None, BeforeValidator(_not_yet)]]
 
 
 class Source(NamedTuple):

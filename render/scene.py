@@ -37,7 +37,6 @@ from coslobe.render.fields import (
     VaryingNotNegative,
     VaryingVector,
     Vector,
-    supported_only,
     wrong,
 )
 from coslobe.render.problems import Problem, problems_of, report
@@ -109,7 +108,16 @@ class Mask(Part):
     depth: Annotated[int, Field(ge=2, le=5), WHOLE] = 5
     """Levels of the mask's quadtree: 2^depth cells along each side."""
     mode: Literal["aggressive", "conservative", "centre"] = "centre"
-    """Which cells a blocker covers: all that it touches, those wholly inside, or by the cell's centre."""
+    """Which cells of a row a blocker covers: those wholly inside, all it touches, or by their centres."""
+
+
+class Paper(Part):
+    """The lobes of `estimator: paper`."""
+
+    light_lobes: Literal["energy", "unit"] = "energy"
+    """Of lights: energy conserves theirs; unit is the amplitude 1 of the paper, up to 4 % too bright."""
+    products: Literal["energy", "l2"] = "energy"
+    """Of two lobes: energy conserves the integral of the product; l2 is the paper's fit."""
 
 
 class Shading(Part):
@@ -119,12 +127,16 @@ class Shading(Part):
     """Where light is computed: at each pixel's samples, or at mesh vertices and interpolated between them."""
     method: Literal["cosine_lobes"] = "cosine_lobes"
     """The lighting method."""
-    estimator: Annotated[Literal["accurate"], supported_only("paper")] = "accurate"
-    """How the visible part of a light is integrated: exactly but for the mask, or as Meunier et al. 2009 do."""
+    estimator: Literal["accurate", "paper"] = "accurate"
+    """How the visible part of a light is integrated: exactly but for the mask, or as the 2009 paper does."""
+    paper: Paper = Paper()
+    """The lobes of `estimator: paper`."""
     mask: Mask = Mask()
     """The visibility mask."""
     threshold: NotNegative = 0.0
     """t_i: parts of the light whose integral for unit radiance is below it are dropped."""
+    time_budget: Positive | None = None
+    """Seconds of shading per frame: where it takes longer, t_i is raised. Such frames depend on the machine."""
 
 
 class Lambert(Part):

@@ -44,6 +44,10 @@ inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const ca
         framed = 1;
     }
     const int state = visibility(blockers, receiver, cap, light, &t, &u, framed, mask, &count->splats);
+#if LEAVES
+    uint tree[TREE_ROWS];
+    count->leaves += state == PARTIAL ? shadow_leaves(mask, disk, tree) : state == DARK;
+#endif
     if (state == DARK) {
         count->dark++;
         return 0.0f;

@@ -14,15 +14,20 @@ from coslobe.render import layout
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.groups import Groups, group
-from coslobe.render.mask import ROUNDING, disk, pack, turns
+from coslobe.render.mask import ROUNDING, disk_tree, turns
 from coslobe.render.materials import pack_materials
 from coslobe.render.methods.base import Shading
-from coslobe.render.scene import Mask, Scene
-from coslobe.tables import lobe_cap, store
+from coslobe.render.scene import Mask, Paper, Scene
+from coslobe.tables import layout as tables_layout
+from coslobe.tables import lobe_cap, store, weights
+from coslobe.tables.quadtree import disk
 
-# The program, in order of dependence; the estimator's unit goes before the last.
-UNITS = ("vector.cl", "lobe.cl", "mask.cl", "blockers.cl", "cells.cl", "materials.cl", "wide.cl")
-ESTIMATORS = {"accurate": ("accurate.cl",)}
+# The program, in order of dependence; the estimator's units go before the last.
+UNITS = ("vector.cl", "lobe.cl", "mask.cl", "leaves.cl", "blockers.cl", "materials.cl", "wide.cl")
+ESTIMATORS = {
+    "accurate": ("cells.cl", "accurate.cl"),
+    "paper": ("tables.cl", "products.cl", "paper.cl"),
+}
 KERNEL = "shade.cl"
 WORK_GROUP = 64
 
@@ -49,7 +54,14 @@ def kernel_units(estimator: str) -> list[tuple[str, str]]:
 
 
 def kernel_defines(
-    vector_width: int, mask: Mask, max_lobes: int, *, anisotropic: bool = False, irradiance: bool = False
+    vector_width: int,
+    mask: Mask,
+    max_lobes: int,
+    *,
+    anisotropic: bool = False,
+    irradiance: bool = False,
+    leaves: bool = False,
+    paper: Paper = Paper(),
 ) -> dict[str, int | float | str]:
     """Compile-time constants of one program variant."""
     rows = 2**mask.depth
@@ -58,6 +70,7 @@ def kernel_defines(
     return {
         "VW": vector_width,
         "ROWS": rows,
+        "MASK_DEPTH": mask.depth,
         "RW": row_width,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
@@ -66,6 +79,9 @@ def kernel_defines(
         "MAX_LOBES": max_lobes,
         "ANISOTROPIC": int(anisotropic),
         "IRRADIANCE": int(irradiance),
+        "LEAVES": int(leaves),
+        "UNIT_LIGHTS": int(paper.light_lobes == "unit"),
+        "L2_PRODUCTS": int(paper.products == "l2"),
         "CAPS": lobe_cap.CAPS,
         "ANGLES": lobe_cap.ANGLES,
         "SMALLEST_CAP": lobe_cap.SMALLEST_CAP,
@@ -77,6 +93,7 @@ def kernel_defines(
         "WIDE_SECTORS": WIDE_SECTORS,
         "LARGEST_MOMENT_H": LARGEST_MOMENT_H,
         "NEGLIGIBLE_LOBE": NEGLIGIBLE_LOBE,
+        **tables_layout.defines(),
     }
 
 
@@ -88,12 +105,14 @@ class CosineLobes:
         self._progress = progress
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
+        self._paper_tables: dict[int, list[Any]] = {}
         self._points: tuple[GBuffer, NDArray, Any, NDArray] | None = None
         self._kernels: dict[tuple[Any, ...], Any] = {}
 
     def prepare(self, scene: Scene) -> None:
-        """Load the lobe tables, building them on first use; a scene without lobes needs none."""
-        if any(material.lambert is None for material in scene.materials.values()):
+        """Load the lobe tables where the scene needs them, building them on first use."""
+        lobes = any(material.lambert is None for material in scene.materials.values())
+        if lobes or scene.shading.estimator == "paper":
             self._lobe_tables()
 
     def shade(
@@ -113,6 +132,8 @@ class CosineLobes:
             packed.max_lobes,
             anisotropic=gbuffer.tangent is not None,
             irradiance=irradiance,
+            leaves="mask_leaves" in layers,
+            paper=scene.shading.paper,
         )
         kernel = self._kernel(scene.shading.estimator, defines)
         build_seconds = time.perf_counter() - start
@@ -138,15 +159,13 @@ class CosineLobes:
             device.upload(packed.materials),
             device.upload(packed.lobes),
             self._slice_buffer(packed.exponents),
-            nothing,
-            nothing,
-            nothing,
+            *self._paper_buffers(scene),
             device.upload(lights),
             np.int32(len(lights)),
             np.float32(scene.shading.threshold),
             *spheres,
             np.int32(groups.n_groups),
-            device.upload(pack(disk(2**scene.shading.mask.depth))),
+            device.upload(disk_tree(2**scene.shading.mask.depth)),
             radiance,
             stats,
             arriving,
@@ -216,6 +235,18 @@ class CosineLobes:
                 self._slices = {key: self._device.upload(self._lobe_tables().lobe_cap.slice(exponents))}
         return self._slices[key]
 
+    def _paper_buffers(self, scene: Scene) -> list[Any]:
+        """Products, caps and the mask's weights on the device, which the paper's estimator reads."""
+        if scene.shading.estimator != "paper":
+            return [self._device.allocate(16)] * 3
+        depth = scene.shading.mask.depth
+        if depth not in self._paper_tables:
+            samples = tables_layout.samples(self._lobe_tables())
+            own = samples["weights"][weights.MASK_DEPTHS.index(depth)]
+            arrays = (samples["product"], samples["cap"], own)
+            self._paper_tables = {depth: [self._device.upload(array) for array in arrays]}
+        return self._paper_tables[depth]
+
     def _lobe_tables(self) -> store.LobeTables:
         if self._tables is None:
             self._tables = store.cached(self._progress)
@@ -233,7 +264,7 @@ def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:
     for entry, light in zip(packed, scene.lights.values(), strict=True):
         entry["center"] = np.asarray(light.sphere.center, np.float64) - origin
         entry["radius"] = light.sphere.radius
-        entry["radiance"] = light.sphere.radiance
+        entry["radiance"] = light.sphere.emission()
     return packed
 
 

@@ -7,7 +7,7 @@ from coslobe.render import mask, unshadowed
 from coslobe.render.methods.cosine_lobes import kernel_defines, kernel_units
 from coslobe.render.own_spheres import own_radius
 from coslobe.render.scene import Mask
-from coslobe.tables import lobe, lobe_cap, store
+from coslobe.tables import lobe, lobe_cap, quadtree, store
 
 pytestmark = pytest.mark.filterwarnings("ignore:Kernel .* retrieved more than once")
 
@@ -225,7 +225,7 @@ def test_blockers_that_reach_into_the_light(device):
     found = mask.unpack(
         run(device, program(device).near_light_many, [spheres, h, light], (n, 32), np.uint32), 32
     )
-    disk = mask.disk(32)
+    disk = quadtree.disk(32)
     blocked_somewhere = 0
     for bits, (x, y, z, size), half in zip(found, spheres, h, strict=True):
         directions = mask.directions(32, half)
@@ -250,7 +250,7 @@ def test_moments_of_bits(device, depth):
     bits = np.stack([mask.pack(c) for c in cells])
     h = rng.uniform(0.01, 1, n)
     found = run(device, program(device, depth).moments_many, [bits, h], (n, 3), np.float32)
-    x = mask.cell_centres(rows)
+    x = quadtree.cell_centres(rows)
     expected = np.stack(
         [cells.sum(axis=(1, 2)), (cells * x).sum(axis=(1, 2)) * h, (cells * x[:, None]).sum(axis=(1, 2)) * h],
         axis=1,

@@ -243,10 +243,10 @@ BAD = {
         "at: corners",
         ["6:3: shading.at: must be 'pixels' or 'vertices' (got corners)"],
     ),
-    "paper": (
+    "light lobes": (
         "estimator: accurate",
-        "estimator: paper",
-        ["8:3: shading.estimator: not supported in this version (got paper)"],
+        "paper: {light_lobes: l2}",
+        ["8:11: shading.paper.light_lobes: must be 'energy' or 'unit' (got l2)"],
     ),
     "threshold": (
         "threshold: 0.0",
