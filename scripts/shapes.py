@@ -98,18 +98,18 @@ def room() -> trimesh.Trimesh:
 
 
 def tiles(size: int) -> tuple[NDArray, NDArray]:
-    """Inlaid tiles: a colour map and a map of what is metal (1), polished stone (1/2), and joint (0)."""
+    """Inlaid tiles: a colour map and a map of what is metal (1), polished stone (1/4), and joint (0)."""
     y, x = (np.mgrid[:size, :size] + 0.5) / size
     column, row = np.floor(x * 4), np.floor(y * 4)
     fx, fy = x * 4 - column - 0.5, y * 4 - row - 0.5
-    star = np.hypot(fx, fy) * (1 + 0.25 * np.cos(8 * np.arctan2(fy, fx))) < 0.27
+    star = np.hypot(fx, fy) * (1 + 0.2 * np.cos(8 * np.arctan2(fy, fx))) < 0.24
     joint = np.maximum(abs(fx), abs(fy)) > 0.47
     even = (column + row) % 2 == 0
     veins = 0.06 * np.sin(40 * x + 6 * np.sin(23 * y) + 3 * np.sin(51 * x * y))
     stone = np.where(even[..., None], [0.72, 0.66, 0.55], [0.25, 0.30, 0.33]) + veins[..., None]
-    colour = np.where(star[..., None], [0.80, 0.58, 0.25], stone)
+    colour = np.where(star[..., None], [0.62, 0.42, 0.16], stone)
     colour = np.where(joint[..., None], 0.12, colour)
-    metal = np.where(joint, 0.0, np.where(star, 1.0, 0.5))
+    metal = np.where(joint, 0.0, np.where(star, 1.0, 0.25))
     return np.uint8(np.clip(colour, 0, 1) * 255), np.uint8(metal * 255)
 
 
