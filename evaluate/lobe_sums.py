@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import roots_legendre
 
+from coslobe.core.errors import InvalidInput
 from coslobe.evaluate.occlusion import Occluders, Segments, entry_distance
 from coslobe.render.mask import directions, frame_around, turns
 from coslobe.render.materials import bound_lobe, pack_materials
@@ -27,7 +28,13 @@ RINGS, SECTORS = 32, 32
 def integrate_lobe_sums(
     scene: "Scene", gbuffer: "GBuffer", occluders: Occluders, tables: LobeTables
 ) -> NDArray:
-    """Radiance float64 [n, 3] at threshold 0, under lights that fill less than 60 degrees; slow."""
+    """Radiance float64 [n, 3] at threshold 0, under lights that fill less than 60 degrees; slow.
+
+    Raises
+    ------
+    InvalidInput
+        A lobe of the reflectance is sharper than a light's, so that the estimator makes no product of them.
+    """
     packed = pack_materials(scene.materials, gbuffer)
     options = scene.shading.paper
     radiance = np.zeros((len(gbuffer.position), 3))
@@ -44,6 +51,11 @@ def integrate_lobe_sums(
             diffuse = diffuse_term(tables, cap, normal, options)
             sums = material["kd"] * _visible(cap, None, diffuse, shadow, normal, tables)
             for entry in entries:
+                if options.light_lobes == "energy" and entry["exponent"] > diffuse.exponent:
+                    raise InvalidInput(
+                        f"a lobe of exponent {entry['exponent']:g} is sharper than a light's: no product",
+                        "shading.paper.light_lobes: unit makes products of all lobes",
+                    )
                 axis, colour = bound_lobe(entry, gbuffer.view[i : i + 1], normal[None], tangent[None])
                 reflectance = Reflectance(axis[0], float(entry["exponent"]), bool(entry["cosine"]))
                 term = lobe_term(tables, cap, reflectance, normal, options, cut=cut)

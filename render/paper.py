@@ -78,7 +78,10 @@ def diffuse_term(tables: LobeTables, light: Cap, normal: NDArray, options: Paper
 def lobe_term(
     tables: LobeTables, light: Cap, lobe: Reflectance, normal: NDArray, options: Paper, *, cut: bool
 ) -> Term:
-    """The product of the light's lobe with one of the reflectance (15); `cut`: by the horizon."""
+    """The product of the light's lobe with one of the reflectance (15); `cut`: the horizon crosses the light.
+
+    With lights of conserved energy it holds for lobes that are not sharper than the light's.
+    """
     e = float(tables.cap.exponent(light.depth))
     cosine = float(np.clip(lobe.axis @ light.axis, -1, 1))
     alpha = float(np.arctan2(np.linalg.norm(np.cross(light.axis, lobe.axis)), cosine))

@@ -6,7 +6,7 @@
 typedef struct {
     float3 axis, colour;
     float exponent, scale, whole, taken;
-    int cosine;
+    int cosine, sharp;
 } term_t;
 
 /* Integral of a lobe of scale 1, with the cosine to n: int (p.v)^e (n.v) = 2 pi / (e + 2) (n.p). */
@@ -51,7 +51,10 @@ inline void lobe_term(term_t *term, const tables_t *tables, const cap_t *cap, fl
 
 /* The products of the light with the diffuse term and with the lobes of the reflectance. Those whose integral, for unit
    radiance, is below the threshold are dropped with all that follows from them. The first is the diffuse one where the
-   irradiance is asked for. Without `shadow` only the integrals matter. Returns how many are left. */
+   irradiance is asked for. Without `shadow` only the integrals matter. Returns how many are left.
+
+   A lobe sharper than the light's stays as it is: the light is an image in it, with an edge that no lobe has, and soft
+   lobes of leaves cannot tell on which side of a shadow's edge it falls. Its shadow is that of the mask's cells. */
 inline int light_terms(term_t *terms, const brdf_t *brdf, const cap_t *cap, const tables_t *tables, float3 n, int cut,
                        int shadow, float threshold)
 {
@@ -61,6 +64,7 @@ inline int light_terms(term_t *terms, const brdf_t *brdf, const cap_t *cap, cons
     for (int l = -1; l < brdf->n_lobes; l++) {
         term_t *term = &terms[kept];
         term->taken = 0.0f;
+        term->sharp = 0;
         term->colour = l < 0 ? brdf->kd : brdf->lobes[l].colour;
         const float size = largest(term->colour);
         if (l < 0) {
@@ -70,8 +74,14 @@ inline int light_terms(term_t *terms, const brdf_t *brdf, const cap_t *cap, cons
             term->whole = UNIT_LIGHTS ? 0.0f : lobe_over_cap(lobe->slice, lobe->exponent, lobe->axis,
                                                              cut ? lobe->axis : n, cap->a, cap->sine, cap->depth,
                                                              lobe->cosine);
-            if (UNIT_LIGHTS || (shadow && size * term->whole >= threshold))
+            if (!UNIT_LIGHTS && lobe->exponent > e) {
+                term->sharp = 1;
+                term->axis = lobe->axis;
+                term->exponent = lobe->exponent;
+                term->cosine = lobe->cosine;
+            } else if (UNIT_LIGHTS || (shadow && size * term->whole >= threshold)) {
                 lobe_term(term, tables, cap, e, lobe, n, term->whole, cut);
+            }
         }
         int useful = size > 0.0f && (threshold <= 0.0f || size * term->whole >= threshold);
         if (IRRADIANCE && l < 0) {
@@ -148,6 +158,8 @@ inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_
         float3 axes[1 + MAX_LOBES];
         int near[1 + MAX_LOBES];
         for (int k = 0; k < n_terms; k++) {
+            if (terms[k].sharp)
+                continue;
             const float3 axis = terms[k].axis;
             axes[k] = (float3)(dot(axis, t), dot(axis, u), dot(axis, cap->a));
             const float most = terms[k].scale * level.weight * (2.0f * M_PI_F) / (terms[k].exponent + level.exponent + 1.0f);
@@ -170,13 +182,33 @@ inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_
                 if (++waiting < RW && leaves > 0)
                     continue;
                 for (int k = 0; k < n_terms; k++)
-                    terms[k].taken += terms[k].scale * level.weight
+                    if (!terms[k].sharp)
+                        terms[k].taken += terms[k].scale * level.weight
                                     * taken(&pairs[k], axes[k], terms[k].cosine, nl, RF_LOAD(x), RF_LOAD(y), waiting, near[k]);
                 waiting = 0;
             }
         }
     }
     return products;
+}
+
+/* Takes the cells of a mask from sharp terms; see light_terms. */
+inline void take_cells(term_t *terms, int n_terms, const ru *mask, __constant uint *disk, const cap_t *cap, float h,
+                       float3 n, float3 t, float3 u, int cut)
+{
+    ru lit[NR];
+    for (int k = 0; k < NR; k++)
+        lit[k] = RU_LOAD(k, disk) & ~mask[k];
+    const float3 nl = (float3)(dot(n, t), dot(n, u), dot(n, cap->a));
+    for (int k = 0; k < n_terms; k++) {
+        const term_t *term = &terms[k];
+        if (!term->sharp || largest(term->colour) * term->whole <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
+            continue;
+        const float3 axis = (float3)(dot(term->axis, t), dot(term->axis, u), dot(term->axis, cap->a));
+        const float3 cells = glossy_cells(lit, disk, h, nl, axis, term->exponent, term->cosine);
+        const float all = cut ? cells.x : cells.y;
+        terms[k].taken = term->whole * (1.0f - (all > 0.0f ? cells.z / all : 0.0f));
+    }
 }
 
 /* BRDF times cosine over the part of the light's cone that the point sees; *irradiance is the diffuse integral. */
@@ -219,6 +251,8 @@ inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const ca
     count->products += 1 + brdf->n_lobes;
     if (leaves)
         count->products += take_leaves(terms, n_terms, tree, cap, tables, h, n, t, u, threshold);
+    if (leaves || cut)
+        take_cells(terms, n_terms, mask, disk, cap, h, n, t, u, cut);
     float3 sum = 0.0f;
     for (int k = 0; k < n_terms; k++)
         sum += terms[k].colour * fmax(terms[k].whole - terms[k].taken, 0.0f);

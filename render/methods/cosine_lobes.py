@@ -26,7 +26,7 @@ from coslobe.tables.quadtree import disk
 UNITS = ("vector.cl", "lobe.cl", "mask.cl", "leaves.cl", "blockers.cl", "materials.cl", "wide.cl")
 ESTIMATORS = {
     "accurate": ("cells.cl", "accurate.cl"),
-    "paper": ("tables.cl", "products.cl", "paper.cl"),
+    "paper": ("cells.cl", "tables.cl", "products.cl", "paper.cl"),
 }
 KERNEL = "shade.cl"
 WORK_GROUP = 64

@@ -245,6 +245,18 @@ def test_shadows_are_near_the_reference(method, material, exponent):
     assert np.abs(found - expected).mean() <= 0.015 * expected.mean()
 
 
+def test_lobes_sharper_than_the_light_have_the_shadow_of_cells(method):
+    """Exponent 1000, where the light's lobe has about 110: as in the accurate estimator."""
+    at = points(plane_grid(), material=GLOSSY)
+    blocking = random_blockers(np.random.default_rng(2))
+    phong = {"kd": 0.0, "ks": 1.0, "exponent": 1000}
+    found = method.shade(paper_scene([KEY], phong=phong), at, blocking).radiance
+    exact = method.shade(scene([KEY], phong=phong), at, blocking).radiance
+    # The accurate estimator may give a narrow lobe a finer mask of its own: a cell's share of the highlight.
+    np.testing.assert_allclose(found, exact, atol=0.02 * exact.max())
+    assert np.any((exact > 0.01 * exact.max()) & (exact < 0.5 * exact.max()))
+
+
 def test_threshold_saves_products_and_darkens_no_light_region(method):
     """t_i: leaves that cannot matter have no products; what stands in for them hardly shows."""
     at = points(plane_grid())
