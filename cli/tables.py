@@ -78,7 +78,7 @@ def plot(
     ] = Path("out/tables"),
     json: JsonOption = False,
 ) -> None:
-    """Draw the counterparts of the paper's Figures 2, 3, 4, 6 and 7 from the tables."""
+    """Draw the counterparts of the paper's Figures 2, 3, 4, 6, 7 and 12 from the tables."""
     from coslobe.tables import figures, store
 
     with progress() as listener:
@@ -97,6 +97,7 @@ def _show(document: dict[str, Any]) -> None:
     _row("integral", document["integral_error"])
     _row("cap (L2 distance)", document["cap_error"])
     _row("lobe over cap (relative to its peak)", document["lobe_cap_error"])
+    _row("shadow lobes (visible share)", document["weights_error"])
 
 
 def _heading(title: str, last: str = "") -> None:

@@ -10,78 +10,112 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.core.errors import InvalidInput
+from coslobe.render.fields import Texture
 
 if TYPE_CHECKING:
+    from coslobe.render.gbuffer import GBuffer
     from coslobe.render.scene import Material
 
 Vectors = tuple[NDArray, NDArray, NDArray]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Diffuse:
     """A constant.
 
     Attributes
     ----------
-    colour : float64 [3]
-        Per steradian.
+    colour : float64 [n, 3]
+        Per steradian, at n points.
     """
 
     colour: NDArray
+    cosine = True
 
-    def values(self, normal: NDArray, view: NDArray, light: Vectors) -> NDArray:
-        """The scalar function, [n, s]; the cosine to the normal is not part of it.
+    def values(self, light: Vectors) -> NDArray:
+        """The scalar function, [n, s]; where `cosine` is true, the cosine to the normal is not part of it.
 
-        `normal` and `view` are unit vectors [n, 3], `light` holds x, y and z of unit directions [n, s]
-        from the surface to the light.
+        `light` holds x, y and z of unit directions [n, s] from the surface to the light.
         """
         return np.ones_like(light[0])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Lobe:
-    """max(r.l, 0)^exponent around the reflection r of the view about the normal.
+    """max(w.l, 0)^exponent.
 
     Attributes
     ----------
-    colour : float64 [3]
-        Per steradian.
-    exponent : float
-        With 0, the lobe is the hemisphere around r.
+    colour : float64 [n, 3]
+        Per steradian, at n points.
+    axis : float64 [n, 3]
+        w, not of unit length.
+    exponent : float64 [n]
+        With 0, the lobe is the hemisphere around w.
+    cosine : bool
+        False: the lobe stands for BRDF times cosine.
     """
 
     colour: NDArray
-    exponent: float
+    axis: NDArray
+    exponent: NDArray
+    cosine: bool = True
 
-    def values(self, normal: NDArray, view: NDArray, light: Vectors) -> NDArray:
+    def values(self, light: Vectors) -> NDArray:
         """As in `Diffuse`."""
-        cosine = dot(self.axis(normal, view), light)
-        return np.maximum(cosine, 0.0) ** self.exponent * (cosine > 0)
+        cosine = dot(self.axis, light)
+        return np.maximum(cosine, 0.0) ** self.exponent[:, None] * (cosine > 0)
 
-    def axis(self, normal: NDArray, view: NDArray) -> NDArray:
-        """The unit vector r = 2 (normal.view) normal - view, [n, 3]."""
-        return 2 * np.einsum("ij,ij->i", normal, view)[:, None] * normal - view
+    def integral(self) -> NDArray:
+        """Of the scalar function over all directions, [n]."""
+        length = np.linalg.norm(self.axis, axis=1)
+        return length**self.exponent * 2 * np.pi / (self.exponent + 1)
 
 
 Term = Diffuse | Lobe
 
 
-def brdf_terms(material: "Material") -> list[Term]:
-    """The terms of a material's BRDF: Lambert = albedo / pi; Phong = kd / pi + ks (n + 2) / (2 pi) (r.l)^n.
+def brdf_terms(material: "Material", gbuffer: "GBuffer", points: NDArray) -> list[Term]:
+    """The terms of a material's BRDF at some `points` of `gbuffer`, which all show the material.
 
-    Raises
-    ------
-    InvalidInput
-        The reference does not know this kind of material.
+    Lambert = albedo / pi; Phong = kd / pi + ks (n + 2) / (2 pi) (r.l)^n; Phong 1975, with the cosine:
+    kd (n.l) + ks (r.l)^n; Lafortune = kd / pi + sum of rho (cx vx lx + cy vy ly + cz vz lz)^n, in the frame
+    of tangent, normal x tangent, and normal; every power of a negative number counts as 0.
     """
+    normal, view = gbuffer.shading_normal[points], gbuffer.view[points]
+    height = np.einsum("ij,ij->i", normal, view)[:, None]
+    mirror = 2 * height * normal - view
+
+    def numbers(value: float | Texture) -> NDArray:
+        texel = np.ones(len(points))
+        if isinstance(value, Texture):
+            return value.offset * texel + value.scale * gbuffer.texels[value.source][points]
+        return value * texel
+
+    def colours(value: tuple[float, float, float] | Texture) -> NDArray:
+        if isinstance(value, Texture):
+            return value.offset + value.scale * gbuffer.texels[value.source][points]
+        return np.tile(np.asarray(value, np.float64), (len(points), 1))
+
     if material.lambert is not None:
-        return [Diffuse(np.asarray(material.lambert.albedo, np.float64) / np.pi)]
+        return [Diffuse(colours(material.lambert.albedo) / np.pi)]
     if material.phong is not None:
-        kd, ks = (np.asarray(c, np.float64) for c in (material.phong.kd, material.phong.ks))
-        n = material.phong.exponent
-        return [Diffuse(kd / np.pi), Lobe(ks * (n + 2) / (2 * np.pi), n)]
-    raise InvalidInput("the reference knows lambert and phong materials only", "use one of these two")
+        phong, n = material.phong, numbers(material.phong.exponent)
+        specular = colours(phong.ks) * (n + 2)[:, None] / (2 * np.pi)
+        return [Diffuse(colours(phong.kd) / np.pi), Lobe(specular, mirror, n)]
+    if material.phong_1975 is not None:
+        old, n = material.phong_1975, numbers(material.phong_1975.exponent)
+        return [Diffuse(colours(old.kd)), Lobe(colours(old.ks), mirror, n, cosine=False)]
+    assert material.lafortune is not None
+    terms: list[Term] = [Diffuse(colours(material.lafortune.kd) / np.pi)]
+    for lobe in material.lafortune.lobes:
+        cx, cy, cz = (numbers(component)[:, None] for component in lobe.c)
+        axis = cx * (view - height * normal) + cz * height * normal
+        if gbuffer.tangent is not None:
+            y = np.cross(normal, gbuffer.tangent[points])
+            axis += (cy - cx) * np.einsum("ij,ij->i", y, view)[:, None] * y
+        terms.append(Lobe(colours(lobe.rho), axis, numbers(lobe.exponent)))
+    return terms
 
 
 def dot(vectors: NDArray, directions: Vectors) -> NDArray:

@@ -1,11 +1,13 @@
 """The same scene in Mitsuba 3: an independent renderer for camera, units, BRDFs and light.
 
 Mitsuba is optional (`pip install coslobe[mitsuba]`). What it cannot express is refused: meshes that do
-not occlude. Planes occlude in Mitsuba, in coslobe they never do: a scene is comparable when no plane
-stands between a light and a point. Mitsuba averages over random positions in each pixel where coslobe
-takes the centre or `image.samples` positions: edges differ unless there are many.
+not occlude, anisotropic materials, and textures other than a plain albedo. Planes occlude in Mitsuba, in
+coslobe they never do: a scene is comparable when no plane stands between a light and a point. Mitsuba
+averages over random positions in each pixel where coslobe takes the centre or `image.samples` positions:
+edges differ unless there are many.
 """
 
+import json
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.core.errors import CoslobeError
+from coslobe.render.fields import Texture
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
-    from coslobe.render.scene import Material, Object, Scene
+    from coslobe.render.scene import Material, Object, Scene, SphereLight
     from coslobe.spheresets.mesh import Mesh
 
-MODIFIED_PHONG = "coslobe_modified_phong"
+LOBE_SUM = "coslobe_lobe_sum"
 
 
 def render_with_mitsuba(
@@ -52,7 +55,7 @@ def _load(variant: str) -> Any:
         raise CoslobeError(
             f"Mitsuba ({variant}) cannot be loaded ({error})", "pip install 'coslobe[mitsuba]'"
         ) from error
-    _register_modified_phong(mitsuba)
+    _register_lobe_sum(mitsuba)
     return mitsuba
 
 
@@ -88,17 +91,20 @@ def mitsuba_scene(
         },
     }
     for name, light in scene.lights.items():
-        result[f"light {name}"] = {
-            "type": "sphere",
-            "center": list(light.sphere.center),
-            "radius": light.sphere.radius,
-            "emitter": {"type": "area", "radiance": _rgb(light.sphere.radiance)},
-        }
+        result[f"light {name}"] = _emitter(light.sphere)
     for name, obj in scene.objects.items():
         if obj.visible:
             shape = _shape(mitsuba, name, obj, assets, folder)
-            result[f"object {name}"] = {**shape, "bsdf": _bsdf(scene.materials[obj.material])}
+            result[f"object {name}"] = {**shape, "bsdf": _bsdf(mitsuba, scene.materials[obj.material])}
     return result
+
+
+def _emitter(sphere: "SphereLight") -> dict[str, Any]:
+    emission = _rgb(tuple(sphere.emission()))
+    if sphere.radius == 0:
+        return {"type": "point", "position": list(sphere.center), "intensity": emission}
+    emitter = {"type": "area", "radiance": emission}
+    return {"type": "sphere", "center": list(sphere.center), "radius": sphere.radius, "emitter": emitter}
 
 
 def _shape(mitsuba: Any, name: str, obj: "Object", assets: "Assets", folder: Path) -> dict[str, Any]:
@@ -134,38 +140,67 @@ def write_ply(path: Path, mesh: "Mesh", matrix: NDArray) -> None:
     path.write_bytes(header.encode() + data.tobytes() + faces.tobytes())
 
 
-def _bsdf(material: "Material") -> dict[str, Any]:
-    if material.lambert is not None:
-        one_sided: dict[str, Any] = {"type": "diffuse", "reflectance": _rgb(material.lambert.albedo)}
-    elif material.phong is not None:
-        one_sided = {"type": MODIFIED_PHONG, **material.phong.model_dump()}
+def _bsdf(mitsuba: Any, material: "Material") -> dict[str, Any]:
+    albedo = material.lambert.albedo if material.lambert else None
+    if isinstance(albedo, Texture) and (albedo.scale, albedo.offset) == (1, 0):
+        v_up = mitsuba.ScalarTransform4f().scale([1, -1, 1])  # in Mitsuba's pictures v runs down
+        reflectance = {"type": "bitmap", "filename": albedo.texture, "to_uv": v_up}
+        one_sided: dict[str, Any] = {"type": "diffuse", "reflectance": reflectance}
+    elif material.pictures or material.anisotropic:
+        raise CoslobeError(
+            "Mitsuba is given no textures but plain albedos, and no anisotropic materials", "leave them out"
+        )
+    elif material.lambert is not None:
+        one_sided = {"type": "diffuse", "reflectance": _rgb(material.lambert.albedo)}
     else:
-        raise CoslobeError("Mitsuba is given lambert and phong materials only", "use one of these two")
+        one_sided = {"type": LOBE_SUM, "terms": json.dumps(_terms(material))}
     return {"type": "twosided", "bsdf": one_sided}
 
 
-def _register_modified_phong(mitsuba: Any) -> None:
-    """Mitsuba 3 has no Phong BSDF of its own: this is one for its plugin interface, `eval` only.
+def _terms(material: "Material") -> list[dict[str, Any]]:
+    """colour max(c_x v_x l_x + c_y v_y l_y + c_z v_z l_z, 0)^exponent, with the cosine or without."""
+    mirror = (-1.0, -1.0, 1.0)
 
-    kd / pi + ks (n + 2) / (2 pi) max(r.l, 0)^n in Mitsuba's shading frame, whose z is the normal, so that the
-    reflection of w is (-wx, -wy, wz). Its `direct` integrator samples emitters only, so that nothing is
-    sampled here.
+    def term(colour: Any, factor: float, c: Any = mirror, exponent: Any = 0.0, *, cosine: bool = True) -> Any:
+        return {"colour": [factor * part for part in colour], "c": c, "exponent": exponent, "cosine": cosine}
+
+    constant = (0.0, 0.0, 1.0)  # v_z l_z to the power of 0
+    if material.phong is not None:
+        phong, n = material.phong, material.phong.exponent
+        return [term(phong.kd, 1 / np.pi, constant), term(phong.ks, (n + 2) / (2 * np.pi), mirror, n)]
+    if material.phong_1975 is not None:
+        old = material.phong_1975
+        return [term(old.kd, 1.0, constant), term(old.ks, 1.0, mirror, old.exponent, cosine=False)]
+    assert material.lafortune is not None
+    lobes = material.lafortune.lobes
+    return [
+        term(material.lafortune.kd, 1 / np.pi, constant),
+        *(term(lobe.rho, 1.0, lobe.c, lobe.exponent) for lobe in lobes),
+    ]
+
+
+def _register_lobe_sum(mitsuba: Any) -> None:
+    """Mitsuba 3 has no cosine lobes of its own: this is a BSDF of them for its plugin interface, `eval` only.
+
+    In Mitsuba's shading frame, whose z is the normal. Its `direct` integrator samples emitters only, so that
+    nothing is sampled here.
     """
     import drjit
 
-    class ModifiedPhong(mitsuba.BSDF):
+    class LobeSum(mitsuba.BSDF):
         def __init__(self, properties: Any) -> None:
             mitsuba.BSDF.__init__(self, properties)
-            self.kd, self.ks = (mitsuba.Color3f(properties[name]) for name in ("kd", "ks"))
-            self.exponent = mitsuba.Float(properties["exponent"])
+            self.terms = json.loads(properties["terms"])
             self.m_flags = mitsuba.BSDFFlags.GlossyReflection | mitsuba.BSDFFlags.FrontSide
             self.m_components = [self.m_flags]
 
         def eval(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
-            view = interaction.wi
-            cosine = drjit.maximum(view.z * light.z - view.x * light.x - view.y * light.y, 0)
-            lobe = (self.exponent + 2) * drjit.power(cosine, self.exponent) / (2 * drjit.pi)
-            value = (self.kd / drjit.pi + self.ks * lobe) * light.z
+            view, value = interaction.wi, mitsuba.Color3f(0)
+            for term in self.terms:
+                x, y, z = term["c"]
+                cosine = drjit.maximum(x * view.x * light.x + y * view.y * light.y + z * view.z * light.z, 0)
+                lobe = drjit.power(cosine, term["exponent"]) * (light.z if term["cosine"] else 1)
+                value += mitsuba.Color3f(term["colour"]) * lobe
             return drjit.select(active & (view.z > 0) & (light.z > 0), value, mitsuba.Color3f(0))
 
         def pdf(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
@@ -177,7 +212,7 @@ def _register_modified_phong(mitsuba: Any) -> None:
         def traverse(self, callback: Any) -> None:
             pass
 
-    mitsuba.register_bsdf(MODIFIED_PHONG, ModifiedPhong)
+    mitsuba.register_bsdf(LOBE_SUM, LobeSum)
 
 
 def _rgb(colour: tuple[float, ...]) -> dict[str, Any]:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from coslobe.core.device import cpu_count
 from coslobe.core.progress import SILENT, Progress
-from coslobe.evaluate.brdf import Term, brdf_terms, dot
+from coslobe.evaluate.brdf import Lobe, Term, Vectors, brdf_terms, dot
 from coslobe.evaluate.occlusion import Occluders, Segments, entry_distance
-from coslobe.evaluate.sampling import Strata, light_caps, square_to_cap
+from coslobe.evaluate.sampling import Caps, Strata, light_caps, square_to_cap, square_to_lobe
 
 if TYPE_CHECKING:
     from coslobe.render.gbuffer import GBuffer
-    from coslobe.render.scene import Scene, SphereLight
+    from coslobe.render.scene import Material, Scene, SphereLight
 
 BLOCK = 1 << 15
 """Samples that are worked on at once: small enough for the caches of a core."""
@@ -52,9 +52,10 @@ def direct_light(
 ) -> Estimate:
     """Radiance of every shaded point: per light, the mean of f cos V L over the cap times its solid angle.
 
+    A lobe that is narrower than the light's cap gets directions of its own, distributed as the lobe is.
     Random numbers depend on `seed` and the point only, not on the number of threads.
     """
-    brdfs = [brdf_terms(material) for material in scene.materials.values()]
+    materials = list(scene.materials.values())
     lights = [light.sphere for light in scene.lights.values()]
     blocks = list(_blocks(gbuffer, grid.samples))
     radiance = np.zeros_like(gbuffer.position)
@@ -63,8 +64,8 @@ def direct_light(
     def work(task: tuple[int, NDArray]) -> Estimate:
         number, points = task
         rng = np.random.default_rng((*seed, number))
-        terms = brdfs[gbuffer.material[points[0]]]
-        return _block_light(gbuffer, points, terms, lights, occluders, grid, rng)
+        material = materials[gbuffer.material[points[0]]]
+        return _block_light(gbuffer, points, material, lights, occluders, grid, rng)
 
     with progress.task(name, len(gbuffer.position)) as advance:
         for points, estimate in zip(blocks, _parallel(work, enumerate(blocks)), strict=True):
@@ -93,7 +94,7 @@ def _parallel(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[
 def _block_light(
     gbuffer: "GBuffer",
     points: NDArray,
-    terms: list[Term],
+    material: "Material",
     lights: "list[SphereLight]",
     occluders: Occluders,
     grid: Strata,
@@ -109,31 +110,88 @@ def _block_light(
         if len(lit) == 0:
             continue
         at = points[lit]
-        position, view = gbuffer.position[at], gbuffer.view[at]
+        position = gbuffer.position[at]
         geometric, shading = gbuffer.geometric_normal[at], gbuffer.shading_normal[at]
         caps = light_caps(position, geometric, center, light.radius)
-        directions = square_to_cap(*grid.jittered(rng, len(at)), caps)
-        cosine = np.maximum(dot(shading, directions), 0.0)
-        cosine *= dot(geometric, directions) > 0
-        reach = entry_distance(position, directions, center, light.radius)
-        segments = Segments(
-            position,
-            geometric,
-            gbuffer.object[at],
-            index,
-            center,
-            light.radius,
-            directions,
-            reach,
-            cosine > 0,
-        )
-        cosine *= ~occluders.blocked(segments)
-        mean, covariance = _moments([term.values(shading, view, directions) * cosine for term in terms])
-        solid_angle = (2 * np.pi * caps.height)[:, None]
-        colours = np.stack([term.colour for term in terms]) * np.asarray(light.radiance, np.float64)
-        radiance[lit] += solid_angle * (mean @ colours)
-        variance[lit] += solid_angle**2 * np.einsum("pkl,kc,lc->pc", covariance, colours, colours)
+        for part in _parts(
+            brdf_terms(material, gbuffer, at), caps, center - position, light.radius, grid, rng
+        ):
+            directions = part.directions
+            cosine = np.maximum(dot(shading, directions), 0.0)
+            wanted = (cosine > 0) & (dot(geometric, directions) > 0)
+            if part.beyond:
+                wanted &= dot(caps.axis, directions) >= 1 - caps.height[:, None]
+            reach = entry_distance(position, directions, center, light.radius)
+            segments = Segments(
+                position,
+                geometric,
+                gbuffer.object[at],
+                index,
+                center,
+                light.radius,
+                directions,
+                reach,
+                wanted,
+            )
+            wanted &= ~occluders.blocked(segments)
+            values = [
+                value * np.where(wanted, cosine if term.cosine else 1.0, 0.0) for term, value in part.terms
+            ]
+            mean, covariance = _moments(values)
+            colours = np.stack([term.colour for term, _ in part.terms]) * light.emission()
+            radiance[lit] += part.measure[:, None] * np.einsum("pk,kpc->pc", mean, colours)
+            variance[lit] += part.measure[:, None] ** 2 * np.einsum(
+                "pkl,kpc,lpc->pc", covariance, colours, colours
+            )
     return Estimate(radiance, variance)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Terms of a BRDF that share their directions.
+
+    Attributes
+    ----------
+    terms : list of (term, [n, s] or a number)
+        With the term's scalar function over the density of the directions times `measure`.
+    directions : x, y, z of [n, s]
+    measure : float64 [n]
+        What a mean over the directions stands for.
+    beyond : bool
+        Directions may miss the light.
+    """
+
+    terms: "list[tuple[Term, NDArray | float]]"
+    directions: Vectors
+    measure: NDArray
+    beyond: bool
+
+
+def _parts(
+    terms: list[Term], caps: Caps, to_light: NDArray, radius: float, grid: Strata, rng: np.random.Generator
+) -> Iterator[_Part]:
+    """Directions of the light for broad terms, and its own for each lobe narrower than the light."""
+    n = len(to_light)
+    narrow = [
+        term
+        for term in terms
+        if isinstance(term, Lobe) and radius > 0 and np.mean(1 / (term.exponent + 1)) < np.mean(caps.height)
+    ]
+    directions = square_to_cap(*grid.jittered(rng, n), caps)
+    broad: list[tuple[Term, NDArray | float]] = [
+        (term, term.values(directions)) for term in terms if term not in narrow
+    ]
+    yield _Part(broad, directions, _measure(caps, to_light, radius), beyond=False)
+    for lobe in narrow:
+        directions = square_to_lobe(*grid.jittered(rng, n), lobe.axis, lobe.exponent)
+        yield _Part([(lobe, 1.0)], directions, lobe.integral(), beyond=True)
+
+
+def _measure(caps: Caps, to_light: NDArray, radius: float) -> NDArray:
+    """What the mean over the samples stands for: the cap's solid angle, or 1 / d^2 for a point light."""
+    if radius > 0:
+        return 2 * np.pi * caps.height
+    return 1 / np.maximum(np.einsum("ij,ij->i", to_light, to_light), np.finfo(float).tiny)
 
 
 def _moments(values: list[NDArray]) -> tuple[NDArray, NDArray]:

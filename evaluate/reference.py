@@ -154,6 +154,7 @@ def _settings_hash(scene: Scene, assets: Assets, occluders: OccluderKind, grid: 
     """Identity of a reference image: everything that its pixels depend on, and nothing else."""
     data = scene.model_dump(mode="json", exclude={"shading"})
     order = [list(part) for part in (scene.materials, scene.lights, scene.objects)]
+    data["materials"] = {name: assets.material_contents(part) for name, part in scene.materials.items()}
     for name, obj in scene.objects.items():
         del data["objects"][name]["spheres"]
         if obj.mesh is not None:

@@ -90,14 +90,34 @@ def square_to_cap(u: NDArray, v: NDArray, caps: Caps) -> Vectors:
     1 - r^2 h.
     """
     x, y = square_to_disk(u, v)
-    h = caps.height[:, None]
-    rise = (x * x + y * y) * h  # 1 - cos(angle to the axis)
-    stretch = np.sqrt(h * (2 - rise))
-    x *= stretch
-    y *= stretch
-    z = 1 - rise
-    tangent, bitangent = tangent_frame(caps.axis)
-    s, t, a = (vectors.T[:, :, None] for vectors in (tangent, bitangent, caps.axis))
+    height = caps.height[:, None]
+    return _around(caps.axis, x, y, (x * x + y * y) * height, height)
+
+
+def square_to_lobe(u: NDArray, v: NDArray, axis: NDArray, exponent: NDArray) -> Vectors:
+    """Directions around the axis [n, 3], distributed as the lobe: x, y, z of unit vectors, [n, s].
+
+    Their density is (e + 1) / (2 pi) (a.l)^e. As `square_to_cap`; the share (a.l)^(e + 1) of the lobe lies
+    farther from the axis than l. The axis need not have unit length.
+    """
+    x, y = square_to_disk(u, v)
+    share = x * x + y * y
+    with np.errstate(divide="ignore", invalid="ignore"):  # at the axis, and at the rim
+        rise = -np.expm1(np.log1p(-share) / (exponent + 1)[:, None])
+        slope = np.where(share > 0, rise / share, 1 / (exponent + 1)[:, None])
+    length = np.maximum(np.linalg.norm(axis, axis=1, keepdims=True), np.finfo(float).tiny)
+    return _around(axis / length, x, y, rise, slope)
+
+
+def _around(axis: NDArray, x: NDArray, y: NDArray, rise: NDArray, slope: NDArray) -> Vectors:
+    """Unit directions over points (x, y) of the unit disk: x, y, z of [n, s].
+
+    `rise` is 1 - cos(angle to the axis), and `slope` is it over x^2 + y^2.
+    """
+    stretch = np.sqrt(slope * (2 - rise))
+    x, y, z = x * stretch, y * stretch, 1 - rise
+    tangent, bitangent = tangent_frame(axis)
+    s, t, a = (vectors.T[:, :, None] for vectors in (tangent, bitangent, axis))
     return (
         x * s[0] + y * t[0] + z * a[0],
         x * s[1] + y * t[1] + z * a[1],

@@ -3,16 +3,19 @@
 from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, get_args
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from coslobe.render.fields import Part, Whole
+from coslobe.render.fields import Part, Texture, Whole
 from coslobe.render.problems import Problem, problems_of
 from coslobe.render.scenepaths import UnknownPath, follow
 from coslobe.render.yamlfile import KeyPath
 
 Value = float | int | bool | tuple[float, ...]
+
+_ANIMATABLE = (float, int, bool, tuple[float, float, float])
 
 # What must be the same in all frames.
 _FIXED = ("coslobe", "sequence", "animation", "image.width", "image.height")
@@ -133,9 +136,24 @@ def _animatable(data: dict[str, Any], model: type[BaseModel], target: str) -> tu
     path, kind = follow(model, data, target)
     if any(target == fixed or target.startswith(f"{fixed}.") for fixed in _FIXED):
         raise UnknownPath("must be the same in all frames")
-    if (get_args(kind)[0] if get_args(kind) else kind) not in (float, int, bool, tuple[float, float, float]):
-        raise UnknownPath("only numbers, colours, vectors and visible can be animated")
-    return path, kind
+    for choice in _choices(kind):
+        if _plain(choice) in _ANIMATABLE:
+            return path, choice
+    raise UnknownPath("only numbers, colours, vectors and visible can be animated")
+
+
+def _choices(kind: Any) -> tuple[Any, ...]:
+    """The members of a union, or the type itself."""
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+
+
+def _plain(kind: Any) -> Any:
+    """The type of a constant value: without annotations, and the number where a texture may stand too."""
+    if get_origin(kind) in (Annotated, Union, UnionType):
+        return _plain(get_args(kind)[0])
+    if get_origin(kind) is tuple:
+        return tuple[tuple(_plain(item) for item in get_args(kind))]
+    return kind
 
 
 def _overlap(a: KeyPath, b: KeyPath) -> bool:
@@ -154,4 +172,9 @@ def _key_values(kind: Any, animation: Animation, place: KeyPath) -> tuple[dict[i
         except ValidationError as error:
             for problem in problems_of(error, None, value):
                 problems.append(Problem((*place, frame), problem.message, value))
+            continue
+        parts = values[frame] if isinstance(values[frame], tuple) else (values[frame],)
+        if any(isinstance(part, Texture) for part in parts):
+            message = "must be a number; of a texture, scale and offset can be animated"
+            problems.append(Problem((*place, frame), message, value))
     return values, problems

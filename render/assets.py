@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.core import cache
 from coslobe.core.errors import NoDevice
 from coslobe.core.files import sha256
 from coslobe.core.progress import SILENT, Progress
+from coslobe.render.fields import Source
 from coslobe.render.gbuffer import RayCaster
-from coslobe.render.scene import Object, Plane, Scene
+from coslobe.render.plane import plane_mesh
+from coslobe.render.scene import Material, Object, Scene
+from coslobe.render.surface import vertex_tangents
+from coslobe.render.textures import read_texels
 from coslobe.spheresets.files import mismatch, read_spheres
 from coslobe.spheresets.fit import cache_file, cached_spheres
 from coslobe.spheresets.mesh import Mesh, load_mesh
@@ -94,8 +97,43 @@ class Assets:
         mesh, spheres = self.mesh(obj), obj.spheres.model_dump()
         self.inputs[mesh.file] = mesh.sha256
         if file := obj.spheres.file:
-            spheres["file"] = self.inputs[file] = self._once(("hash", file), lambda: sha256(Path(file)))
+            spheres["file"] = self._file_hash(file)
         return {"mesh": self.mesh_hash(obj), "spheres": spheres}
+
+    def material_contents(self, material: Material) -> dict[str, Any]:
+        """The material as plain data, with the SHA-256 of its pictures in the place of their paths."""
+        if material.lafortune is not None and material.lafortune.fit is not None:
+            self._file_hash(material.lafortune.fit)  # its numbers are in the material already
+        return self._with_hashes(material.model_dump(mode="json"))
+
+    def _with_hashes(self, data: Any) -> Any:
+        if isinstance(data, list):
+            return [self._with_hashes(item) for item in data]
+        if not isinstance(data, dict):
+            return data
+        if "texture" in data:
+            return data | {"texture": self._file_hash(data["texture"])}
+        return {key: self._with_hashes(value) for key, value in data.items()}
+
+    def _file_hash(self, file: str) -> str:
+        """SHA-256 of a file, which becomes one of the `inputs`."""
+        self.inputs[file] = self._once(("hash", file), lambda: sha256(Path(file)))
+        return self.inputs[file]
+
+    def texels(self, source: Source) -> NDArray:
+        """The picture of a texture, as `read_texels` gives it.
+
+        Raises
+        ------
+        InvalidInput
+            The picture cannot be used.
+        """
+        return self._once(source, lambda: read_texels(Path(source.file), colour=source.colour))
+
+    def tangents(self, obj: Object) -> NDArray:
+        """The direction of growing u at the vertices of `mesh(obj)`."""
+        mesh = self.mesh(obj)
+        return self._once(("tangents", mesh.file, mesh.sha256), lambda: vertex_tangents(mesh))
 
     def mesh_hash(self, obj: Object) -> str:
         """SHA-256 of the mesh's arrays; the file's own would miss what glTF files refer to."""
@@ -128,24 +166,9 @@ class Assets:
 
 def _arrays_hash(mesh: Mesh) -> str:
     digest = hashlib.sha256()
-    for array in (mesh.vertices, mesh.faces, mesh.normals):
-        digest.update(array.tobytes())
+    for array in (mesh.vertices, mesh.faces, mesh.normals, mesh.uv):
+        digest.update(b"" if array is None else array.tobytes())
     return digest.hexdigest()
-
-
-def plane_mesh(plane: Plane) -> Mesh:
-    """The square in y = 0 as resolution x resolution cells of two triangles, facing +y."""
-    n = plane.resolution
-    ticks = (np.arange(n + 1) / n - 0.5) * plane.size
-    z, x = np.meshgrid(ticks, ticks, indexing="ij")
-    vertices = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=-1)
-    row, column = np.divmod(np.arange(n * n), n)
-    corner = row * (n + 1) + column
-    near, far = corner + n + 1, corner  # towards +z and -z
-    triangles = [np.stack([near, near + 1, far + 1], -1), np.stack([near, far + 1, far], -1)]
-    faces = np.stack(triangles, axis=1).reshape(-1, 3).astype(np.int32)
-    normals = np.tile([0.0, 1.0, 0.0], (len(vertices), 1))
-    return Mesh(vertices, faces, normals, "plane", cache.digest("plane", plane.size, plane.resolution))
 
 
 @dataclass(frozen=True)

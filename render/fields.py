@@ -2,11 +2,11 @@
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -15,7 +15,6 @@ from pydantic import (
     ValidationInfo,
     WithJsonSchema,
 )
-from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
 LARGEST = 1e30  # kernels compute in single precision
@@ -33,8 +32,6 @@ def wrong(message: str) -> PydanticCustomError:
 
 
 def _number(value: Any) -> float:
-    if isinstance(value, dict) and "texture" in value:
-        raise wrong("textures are not supported in this version; give the value itself")
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise wrong("must be a number")
     if value != value or abs(value) == math.inf:
@@ -94,23 +91,6 @@ def _mesh(value: Any, info: ValidationInfo) -> str:
     return _file(value, info)
 
 
-def _not_yet(value: Any) -> Any:
-    raise wrong("not supported in this version")
-
-
-def supported_only(*later: str) -> BeforeValidator:
-    """Refuse values that the scene file will take in a later version."""
-
-    def check(value: Any) -> Any:
-        return _not_yet(value) if value in later else value
-
-    return BeforeValidator(check)
-
-
-def _zero(value: float) -> float:
-    return _not_yet(value) if value > 0 else value
-
-
 _TRIPLE = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 _COLOUR = {"type": "array", "items": {"type": "number", "minimum": 0}, "minItems": 3, "maxItems": 3}
 
@@ -120,7 +100,6 @@ WHOLE = BeforeValidator(_whole)
 Number = Annotated[float, NUMBER]
 Positive = Annotated[float, Field(gt=0), NUMBER]
 NotNegative = Annotated[float, Field(ge=0), NUMBER]
-Threshold = Annotated[float, Field(ge=0), NUMBER, AfterValidator(_zero)]
 Whole = Annotated[int, WHOLE]
 Count = Annotated[int, Field(ge=1), WHOLE]
 Switch = StrictBool
@@ -133,4 +112,60 @@ Colour = Annotated[
 Name = Annotated[str, BeforeValidator(_name)]
 File = Annotated[str, BeforeValidator(_file)]
 MeshFile = Annotated[str, BeforeValidator(_mesh)]
-NotYet = SkipJsonSchema[Annotated[None, BeforeValidator(_not_yet)]]
+
+
+class Source(NamedTuple):
+    """A picture and how it is read."""
+
+    file: str
+    colour: bool
+
+
+class Texture(Part):
+    """A number from a picture: offset + scale * texel."""
+
+    texture: File
+    """PNG, JPEG or EXR; v up, wrapped, bilinear. A number is the first channel as stored."""
+    scale: Number = 1.0
+    """Times the texel."""
+    offset: Number = 0.0
+    """Added to it."""
+
+    @property
+    def source(self) -> Source:
+        """What has to be looked up."""
+        return Source(self.texture, colour=isinstance(self, ColourTexture))
+
+
+class ColourTexture(Texture):
+    """A colour from a picture: offset + scale * texel, which is decoded with the sRGB curve."""
+
+
+def _varying(plain: Callable[[Any], Any], texture: type[Texture]) -> Callable[[Any, ValidationInfo], Any]:
+    """Validates a value that may be constant or come from a texture."""
+
+    def check(value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, dict):
+            return texture.model_validate(value, context=info.context)
+        return plain(value)
+
+    return check
+
+
+def _not_negative(value: Any) -> float:
+    if _number(value) < 0:
+        raise wrong("must be >= 0")
+    return float(value)
+
+
+def _three(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise wrong("must be three numbers [x, y, z]")
+    return value
+
+
+# Of materials: constant, or varying over the surface.
+VaryingColour = Annotated[Colour | ColourTexture, BeforeValidator(_varying(_colour, ColourTexture))]
+VaryingNumber = Annotated[Number | Texture, BeforeValidator(_varying(_number, Texture))]
+VaryingNotNegative = Annotated[NotNegative | Texture, BeforeValidator(_varying(_not_negative, Texture))]
+VaryingVector = Annotated[tuple[VaryingNumber, VaryingNumber, VaryingNumber], BeforeValidator(_three)]

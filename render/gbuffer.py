@@ -1,12 +1,16 @@
 """Which points are shaded: the nearest surface behind every camera sample."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.render.camera import Rays, camera_rays
+from coslobe.render.fields import Source
+from coslobe.render.plane import locate
+from coslobe.render.surface import with_surface
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
@@ -31,8 +35,17 @@ class GBuffer:
         row * width + column, row 0 on top.
     depth : float64 [n]
         Distance from the camera's origin along the ray.
+    triangle : int32 [n]
+        Of the object's mesh.
+    weights : float64 [n, 3]
+        Barycentric: of the triangle's corners.
     width, height, samples : int
         Image size in pixels, and samples per pixel.
+    texels : dict
+        By picture, what it holds at the points, [n] or [n, 3]; 0 where no texture of it is seen.
+    tangent : float64 [n, 3] or None
+        Unit vectors perpendicular to the shading normal, the x of tangent frames; None where no material
+        needs it.
     """
 
     position: NDArray
@@ -43,15 +56,45 @@ class GBuffer:
     material: NDArray
     pixel: NDArray
     depth: NDArray
+    triangle: NDArray
+    weights: NDArray
     width: int
     height: int
     samples: int
+    texels: Mapping[Source, NDArray] = field(default_factory=dict)
+    tangent: NDArray | None = None
+
+    def some(self, index: NDArray) -> "GBuffer":
+        """The points that `index` names, in that order."""
+        arrays = {
+            name: getattr(self, name)[index]
+            for name in (
+                "position",
+                "geometric_normal",
+                "shading_normal",
+                "view",
+                "object",
+                "material",
+                "pixel",
+                "depth",
+                "triangle",
+                "weights",
+            )
+        }
+        texels = {source: values[index] for source, values in self.texels.items()}
+        tangent = None if self.tangent is None else self.tangent[index]
+        return replace(self, **arrays, texels=texels, tangent=tangent)
 
     def image(self, values: NDArray) -> NDArray:
-        """Average `values` [n, c] over each pixel's samples (box filter, background 0): float64 [h, w, c]."""
+        """Average `values` [n] or [n, c] over each pixel's samples (box filter, background 0).
+
+        Returns float64 [h, w] or [h, w, c].
+        """
         size = self.width * self.height
-        channels = [np.bincount(self.pixel, values[:, c], size) for c in range(values.shape[1])]
-        return np.stack(channels, axis=-1).reshape(self.height, self.width, -1) / self.samples
+        columns = values.reshape(len(values), int(np.prod(values.shape[1:]))).T
+        channels = [np.bincount(self.pixel, column, size) for column in columns]
+        mean = np.stack(channels, axis=-1) / self.samples
+        return mean.reshape(self.height, self.width, *values.shape[1:])
 
     def first_image(self, values: NDArray, background: float) -> NDArray:
         """`values` [n] or [n, c] of one sample of each pixel, unfiltered: for indices and normals."""
@@ -70,6 +113,8 @@ class _Nearest:
     shading_normal: NDArray
     object: NDArray
     material: NDArray
+    triangle: NDArray
+    weights: NDArray
 
     def accept(self, rays: NDArray, index: int, material: int, hits: "_Hits") -> None:
         self.t[rays] = hits.t
@@ -78,6 +123,8 @@ class _Nearest:
         self.shading_normal[rays] = hits.shading_normal
         self.object[rays] = index
         self.material[rays] = material
+        self.triangle[rays] = hits.triangle
+        self.weights[rays] = hits.weights
 
 
 @dataclass(frozen=True)
@@ -86,6 +133,8 @@ class _Hits:
     position: NDArray
     geometric_normal: NDArray
     shading_normal: NDArray
+    triangle: NDArray
+    weights: NDArray
 
 
 def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
@@ -93,19 +142,31 @@ def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
 
     Each object is traced in its own frame, so that meshes need one acceleration structure for all frames
     and instances, and positions come from barycentric coordinates in float64.
+
+    Raises
+    ------
+    InvalidInput
+        A texture or a tangent frame is missing; see `with_surface`.
     """
     rays = camera_rays(scene)
     n = len(rays.direction)
     zeros = np.zeros((n, 3))
     nearest = _Nearest(
-        np.full(n, np.inf), zeros, zeros.copy(), zeros.copy(), np.full(n, -1, np.int32), np.zeros(n, np.int32)
+        np.full(n, np.inf),
+        zeros,
+        zeros.copy(),
+        zeros.copy(),
+        np.full(n, -1, np.int32),
+        np.zeros(n, np.int32),
+        np.zeros(n, np.int32),
+        zeros.copy(),
     )
     materials = {name: index for index, name in enumerate(scene.materials)}
     for index, obj in enumerate(scene.objects.values()):
         if obj.visible:
             hit_object = _hit_plane if obj.plane is not None else _hit_mesh
             hit_object(obj, index, materials[obj.material], assets, rays, nearest)
-    return _turned_to_viewer(scene, rays, nearest)
+    return with_surface(_turned_to_viewer(scene, rays, nearest), scene, assets)
 
 
 def _hit_plane(
@@ -128,7 +189,8 @@ def _hit_plane(
     hit, local = candidates[inside], local[inside]
     normal = inverse.T @ np.array([0.0, 1.0, 0.0])
     normals = np.broadcast_to(normal / np.linalg.norm(normal), (len(hit), 3))
-    hits = _Hits(t[inside], local @ linear.T + translation, normals, normals)
+    place = locate(obj.plane, local[:, 0], local[:, 2])
+    hits = _Hits(t[inside], local @ linear.T + translation, normals, normals, *place)
     nearest.accept(hit, index, material, hits)
 
 
@@ -148,18 +210,20 @@ def _hit_mesh(
     t, triangle, u, v = caster.nearest(origin, direction / length[:, None])
     t = t / length
     hit = np.flatnonzero(t < nearest.t[candidates])
-    triangle, u, v = triangle[hit], u[hit, None], v[hit, None]
+    triangle = triangle[hit]
+    weights = np.stack([1 - u[hit] - v[hit], u[hit], v[hit]], axis=1)
     corners = mesh.faces[triangle]
     a, b, c = (mesh.vertices[corners[:, k]] for k in range(3))
-    local = (1 - u - v) * a + u * b + v * c
+    local = np.einsum("nk,nkd->nd", weights, mesh.vertices[corners])
     geometric = np.cross(b - a, c - a)
     if obj.normals == "flat":
         smooth = geometric
     else:
-        na, nb, nc = (mesh.normals[corners[:, k]] for k in range(3))
-        smooth = (1 - u - v) * na + u * nb + v * nc
+        smooth = np.einsum("nk,nkd->nd", weights, mesh.normals[corners])
         smooth = np.where(np.linalg.norm(smooth, axis=1, keepdims=True) > 1e-6, smooth, geometric)
-    hits = _Hits(t[hit], local @ linear.T + translation, _unit(geometric @ inverse), _unit(smooth @ inverse))
+    position = local @ linear.T + translation
+    normals = _unit(geometric @ inverse), _unit(smooth @ inverse)
+    hits = _Hits(t[hit], position, *normals, triangle.astype(np.int32), weights)
     nearest.accept(candidates[hit], index, material, hits)
 
 
@@ -199,6 +263,8 @@ def _turned_to_viewer(scene: "Scene", rays: Rays, nearest: _Nearest) -> GBuffer:
         material=nearest.material[hit],
         pixel=rays.pixel[hit],
         depth=nearest.t[hit],
+        triangle=nearest.triangle[hit],
+        weights=nearest.weights[hit],
         width=scene.image.width,
         height=scene.image.height,
         samples=scene.image.samples,

@@ -154,3 +154,9 @@ def srgb(linear: ArrayLike) -> NDArray[np.float64]:
     """Encode linear values with the sRGB curve (IEC 61966-2-1), clipped to [0, 1]."""
     x = np.clip(np.asarray(linear, np.float64), 0, 1)
     return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def linear(srgb_values: ArrayLike) -> NDArray[np.float64]:
+    """Decode values from 0 to 1 that the sRGB curve has encoded: the inverse of `srgb`."""
+    x = np.asarray(srgb_values, np.float64)
+    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)

@@ -1,10 +1,12 @@
-"""The visibility mask on the host: its disk of cells, and float64 twins of the device's rasterisation.
+"""The visibility mask on the host: bits, and float64 twins of the device's rasterisation.
 
 Conventions are those of kernels/mask.cl; a mask here is a boolean array [rows, columns], True = blocked.
 """
 
 import numpy as np
 from numpy.typing import NDArray
+
+from coslobe.tables.quadtree import blocks_of_disk, cell_centres
 
 # How an interval [low, high] in cell units becomes whole cells: from ceil(low + a) to floor(high + b).
 ROUNDING = {
@@ -14,21 +16,20 @@ ROUNDING = {
 }
 
 
-def cell_centres(rows: int) -> NDArray:
-    """Coordinates of the cells' centres along one side of the square [-1, 1], float64 [rows]."""
-    return (np.arange(rows) + 0.5) * 2 / rows - 1
-
-
-def disk(rows: int) -> NDArray:
-    """Cells whose centre lies in the light's disk, bool [rows, rows]."""
-    x = cell_centres(rows)
-    return x[:, None] ** 2 + x**2 <= 1
-
-
 def pack(cells: NDArray) -> NDArray:
     """Boolean [rows, columns <= 32] to uint32 [rows], column 0 in the lowest bit."""
     weights = np.uint32(1) << np.arange(cells.shape[1], dtype=np.uint32)
     return (cells * weights).sum(axis=1, dtype=np.uint32)
+
+
+def disk_tree(rows: int) -> NDArray:
+    """The blocks that hold a cell of the light's disk, as a tree of leaves.cl: uint32 [2 rows - 1]."""
+    levels = []
+    for blocks in reversed(blocks_of_disk(rows)):
+        first_columns = np.zeros((len(blocks), rows), bool)
+        first_columns[:, :: rows // len(blocks)] = blocks
+        levels.append(pack(first_columns))
+    return np.concatenate(levels)
 
 
 def unpack(bits: NDArray, columns: int) -> NDArray:

@@ -16,8 +16,8 @@ from coslobe.render.images import stored_attributes
 from coslobe.render.scene import Scene, SceneFile
 from coslobe.render.scenepaths import suggestion
 
-LAYERS = ("object", "normal", "position", "depth")
-LATER_LAYERS = ("irradiance", "products", "mask_leaves")
+METHOD_LAYERS = ("irradiance", "products", "mask_leaves")  # which the lighting method makes
+LAYERS = (*METHOD_LAYERS, "object", "normal", "position", "depth")
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,8 @@ class PlannedFrame:
     ----------
     index : int
     exr, png : Path
+    ply : Path
+        Of the vertices, where light is computed there.
     settings : str
         Hash of everything that the pixels depend on; stored in the EXR file.
     done : bool
@@ -39,6 +41,7 @@ class PlannedFrame:
     index: int
     exr: Path
     png: Path
+    ply: Path
     settings: str
     done: bool
     points: int | None
@@ -85,8 +88,6 @@ def check_layers(names: Sequence[str]) -> tuple[str, ...]:
         There is no such layer.
     """
     for name in names:
-        if name in LATER_LAYERS:
-            raise UsageError(f"--layers {name}: not supported in this version", f"known: {', '.join(LAYERS)}")
         if name not in LAYERS:
             raise UsageError(f"--layers {name}: no such layer{suggestion(name, LAYERS)}")
     return tuple(name for name in LAYERS if name in names)
@@ -113,10 +114,14 @@ def plan_frames(
     for index in frames:
         exr = folder / f"beauty.{index:04d}.exr"
         png = exr.with_suffix(".png")
-        settings = settings_hash(scene_file.at(index), assets, device, layers)
-        found = stored_attributes(exr) if resume and png.is_file() else {}
+        ply = folder / f"vertices.{index:04d}.ply"
+        scene = scene_file.at(index)
+        settings = settings_hash(scene, assets, device, layers)
+        beside = (png, ply) if scene.shading.at == "vertices" else (png,)
+        found = stored_attributes(exr) if resume and all(file.is_file() for file in beside) else {}
         done = found.get("config_sha256") == settings
-        planned.append(PlannedFrame(index, exr, png, settings, done, found.get("points") if done else None))
+        points = found.get("points") if done else None
+        planned.append(PlannedFrame(index, exr, png, ply, settings, done, points))
     return planned
 
 
@@ -132,6 +137,7 @@ def settings_hash(scene: Scene, assets: Assets, device: DeviceInfo, layers: Sequ
     data = scene.model_dump(mode="json")
     for name, obj in scene.objects.items():
         data["objects"][name] |= assets.contents(obj)
+    data["materials"] = {name: assets.material_contents(part) for name, part in scene.materials.items()}
     order = [list(part) for part in (scene.materials, scene.lights, scene.objects)]
     runtime = (device.platform, device.version, device.name, device.vector_width)
     return cache.digest(VERSION, cache.code_digest(*CODE), data, order, runtime, list(layers))

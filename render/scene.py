@@ -3,7 +3,9 @@
 The attribute docstrings are the user's documentation: `coslobe schema` shows them in editors.
 """
 
-from collections.abc import Sequence
+import math
+import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,7 +16,9 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from coslobe.core.errors import InvalidInput, UsageError
 from coslobe.render.animation import Animation, Track, animated, put, read_tracks
+from coslobe.render.brdf_fits import read_fit
 from coslobe.render.fields import (
+    LARGEST,
     NUMBER,
     WHOLE,
     Colour,
@@ -23,14 +27,16 @@ from coslobe.render.fields import (
     MeshFile,
     Name,
     NotNegative,
-    NotYet,
     Number,
     Part,
     Positive,
+    Source,
     Switch,
-    Threshold,
+    Texture,
+    VaryingColour,
+    VaryingNotNegative,
+    VaryingVector,
     Vector,
-    supported_only,
     wrong,
 )
 from coslobe.render.problems import Problem, problems_of, report
@@ -102,68 +108,199 @@ class Mask(Part):
     depth: Annotated[int, Field(ge=2, le=5), WHOLE] = 5
     """Levels of the mask's quadtree: 2^depth cells along each side."""
     mode: Literal["aggressive", "conservative", "centre"] = "centre"
-    """Which cells a blocker covers: all that it touches, those wholly inside, or by the cell's centre."""
+    """Which cells of a row a blocker covers: those wholly inside, all it touches, or by their centres."""
+
+
+class Paper(Part):
+    """The lobes of `estimator: paper`."""
+
+    light_lobes: Literal["energy", "unit"] = "energy"
+    """Of lights: energy conserves theirs; unit is the amplitude 1 of the paper, up to 4 % too bright."""
+    products: Literal["energy", "l2"] = "energy"
+    """Of two lobes: energy conserves the integral of the product; l2 is the paper's fit."""
 
 
 class Shading(Part):
     """How light is computed."""
 
-    at: Annotated[Literal["pixels"], supported_only("vertices")] = "pixels"
-    """Where light is computed."""
+    at: Literal["pixels", "vertices"] = "pixels"
+    """Where light is computed: at each pixel's samples, or at mesh vertices and interpolated between them."""
     method: Literal["cosine_lobes"] = "cosine_lobes"
     """The lighting method."""
-    estimator: Annotated[Literal["accurate"], supported_only("paper")] = "accurate"
-    """How the visible part of a light is integrated."""
+    estimator: Literal["accurate", "paper"] = "accurate"
+    """How the visible part of a light is integrated: exactly but for the mask, or as the 2009 paper does."""
+    paper: Paper = Paper()
+    """The lobes of `estimator: paper`."""
     mask: Mask = Mask()
     """The visibility mask."""
-    threshold: Threshold = 0.0
+    threshold: NotNegative = 0.0
     """t_i: parts of the light whose integral for unit radiance is below it are dropped."""
+    time_budget: Positive | None = None
+    """Seconds of shading per frame: where it takes longer, t_i is raised. The machine decides."""
 
 
 class Lambert(Part):
     """Diffuse reflection: albedo / pi."""
 
-    albedo: Colour
-    """Share of the light that is reflected: a number or [r, g, b]."""
+    albedo: VaryingColour
+    """Share of the light that is reflected: a number, [r, g, b] or a texture."""
 
 
 class Phong(Part):
     """Modified Phong: kd / pi + ks (n + 2) / (2 pi) max(r.l, 0)^n."""
 
-    kd: Colour
-    """Diffuse reflectance: a number or [r, g, b]."""
-    ks: Colour
-    """Specular reflectance: a number or [r, g, b]."""
-    exponent: NotNegative
+    kd: VaryingColour
+    """Diffuse reflectance: a number, [r, g, b] or a texture."""
+    ks: VaryingColour
+    """Specular reflectance: a number, [r, g, b] or a texture."""
+    exponent: VaryingNotNegative
     """n: the higher, the sharper the highlight."""
+
+
+class Phong1975(Part):
+    """Phong as it was: reflects kd max(n.l, 0) + ks max(r.l, 0)^n, the cosine to the normal in kd only."""
+
+    kd: VaryingColour
+    """Diffuse factor, not divided by pi."""
+    ks: VaryingColour
+    """Specular factor."""
+    exponent: VaryingNotNegative
+    """n: the higher, the sharper the highlight."""
+
+
+class LafortuneLobe(Part):
+    """rho max(c_x v_x l_x + c_y v_y l_y + c_z v_z l_z, 0)^n in the tangent frame, whose z is the normal."""
+
+    rho: VaryingColour
+    """Scale in 1/sr: a number, [r, g, b] or a texture."""
+    c: VaryingVector
+    """[-1, -1, 1]: mirror; [1, 1, 1]: back; |c_z| < |c_x|: off-specular; c_x != c_y: anisotropic."""
+    exponent: VaryingNotNegative
+    """n: the higher, the sharper the highlight."""
+
+    @model_validator(mode="after")
+    def _check_size(self) -> "LafortuneLobe":
+        constant = [abs(value) for value in self.c if not isinstance(value, Texture)]
+        if len(constant) == 3 and max(constant) == 0:
+            raise wrong("c must not be [0, 0, 0]")
+        if len(constant) < 3 or isinstance(self.rho, Texture) or isinstance(self.exponent, Texture):
+            return self  # which is checked where the textures are
+        size = self.exponent * math.log10(max(constant)) + math.log10(max(*self.rho, sys.float_info.min))
+        if size > math.log10(LARGEST):
+            raise wrong(f"rho |c|^exponent = 10^{size:.0f} is too large; scale c to a largest component of 1")
+        return self
+
+
+class Lafortune(Part):
+    """kd / pi and any number of cosine lobes, or a row of a table of fits."""
+
+    kd: VaryingColour = (0.0, 0.0, 0.0)
+    """Diffuse reflectance: a number, [r, g, b] or a texture."""
+    lobes: tuple[LafortuneLobe, ...] = ()
+    """Added to one another."""
+    tangent: Vector | None = None
+    """x of the tangent frame in the object's coordinates; by default the direction of u."""
+    fit: Annotated[File | None, Field(exclude=True)] = None
+    """A CSV file with the columns name, kd_r, kd_g, kd_b, ks_r, ks_g, ks_b, Cxy, Cz, sharpness."""
+    name: Annotated[str | None, Field(exclude=True)] = None
+    """The row of `fit`."""
+
+    @model_validator(mode="after")
+    def _read_fit(self) -> "Lafortune":
+        if self.tangent is not None and not any(self.tangent):
+            raise wrong("tangent must not be [0, 0, 0]")
+        given = self.model_fields_set
+        if (self.fit is None) != (self.name is None) or bool({"kd", "lobes"} & given) == bool(self.fit):
+            raise wrong("must hold either kd and lobes, or fit and name")
+        if self.fit is None or self.name is None:
+            return self
+        try:
+            fit = read_fit(Path(self.fit), self.name)
+        except InvalidInput as error:
+            raise wrong(str(error)) from error
+        lobe = LafortuneLobe.model_validate({"rho": fit.rho, "c": fit.c, "exponent": fit.exponent})
+        return self.model_copy(update={"kd": fit.kd, "lobes": (lobe,)})
 
 
 class Material(Part):
     """How a surface reflects light: exactly one kind."""
 
-    model_config = _one_of("lambert", "phong")
+    model_config = _one_of("lambert", "phong", "phong_1975", "lafortune")
 
     lambert: Lambert | None = None
     phong: Phong | None = None
-    lafortune: NotYet = None
-    phong_1975: NotYet = None
+    phong_1975: Phong1975 | None = None
+    lafortune: Lafortune | None = None
 
     @model_validator(mode="after")
     def _check_kind(self) -> "Material":
-        if (self.lambert is None) == (self.phong is None):
-            raise wrong("must hold exactly one of lambert, phong")
+        kinds = (self.lambert, self.phong, self.phong_1975, self.lafortune)
+        if sum(kind is not None for kind in kinds) != 1:
+            raise wrong("must hold exactly one of lambert, phong, phong_1975, lafortune")
         return self
+
+    @property
+    def kind(self) -> Lambert | Phong | Phong1975 | Lafortune:
+        """The one that is there."""
+        kind = self.lambert or self.phong or self.phong_1975 or self.lafortune
+        assert kind is not None
+        return kind
+
+    @property
+    def pictures(self) -> frozenset[Source]:
+        """What its textures look up."""
+        return frozenset(texture.source for texture in _textures(self.kind))
+
+    @property
+    def anisotropic(self) -> bool:
+        """Whether the direction of the tangent matters."""
+        return self.lafortune is not None and any(lobe.c[0] != lobe.c[1] for lobe in self.lafortune.lobes)
+
+    @property
+    def tangent(self) -> tuple[float, float, float] | None:
+        """The x of its tangent frame in the object's coordinates; None: the direction of u."""
+        return self.lafortune.tangent if self.lafortune else None
+
+
+def _textures(part: Any) -> Iterator[Texture]:
+    if isinstance(part, Texture):
+        yield part
+    elif isinstance(part, Part):
+        for name in type(part).model_fields:
+            yield from _textures(getattr(part, name))
+    elif isinstance(part, tuple):
+        for item in part:
+            yield from _textures(item)
 
 
 class SphereLight(Part):
     """A sphere that sends out the same radiance everywhere. It is not drawn, but blocks other lights."""
 
+    model_config = _one_of("radiance", "intensity")
+
     center: Vector
     """Centre in the world."""
-    radius: Positive
-    """Radius; the larger, the softer the shadows."""
-    radiance: Colour
+    radius: NotNegative
+    """The larger, the softer the shadows. 0: a point, which casts hard shadows and needs intensity."""
+    radiance: Colour | None = None
     """Emitted radiance: a number or [r, g, b]."""
+    intensity: Colour | None = None
+    """Radiant intensity instead: radiance times pi radius^2. The scene stays as bright at any radius."""
+
+    @model_validator(mode="after")
+    def _check_emission(self) -> "SphereLight":
+        if (self.radiance is None) == (self.intensity is None):
+            raise wrong("must hold exactly one of radiance, intensity")
+        if self.radius == 0 and self.intensity is None:
+            raise wrong("a light of radius 0 is a point: give intensity instead of radiance")
+        return self
+
+    def emission(self) -> NDArray[np.float64]:
+        """Radiance [3], or the intensity of a point."""
+        if self.intensity is None:
+            return np.asarray(self.radiance, np.float64)
+        intensity = np.asarray(self.intensity, np.float64)
+        return intensity if self.radius == 0 else intensity / (np.pi * self.radius**2)
 
 
 class Light(Part):

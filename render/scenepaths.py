@@ -50,20 +50,20 @@ def model_at(model: type[BaseModel], path: KeyPath) -> type[BaseModel] | None:
     """The model that stands at `path`, if one does."""
     kind: Any = model
     for key in path:
-        kind = _bare(kind)
+        kind = _bare(kind, mapping=isinstance(key, str))
         if _is_model(kind):
             field = kind.model_fields.get(key)
             kind = field.annotation if field else None
         else:
             arguments = get_args(kind)
             kind = arguments[1 if get_origin(kind) is dict else 0] if arguments else None
-    kind = _bare(kind)
+    kind = _bare(kind, mapping=True)
     return kind if _is_model(kind) else None
 
 
 def _step(kind: Any, data: Any, part: str, parent: str) -> tuple[str | int, Any]:
     """The key that `part` writes in a value of type `kind`, and the type of what stands there."""
-    kind = _bare(kind)
+    kind = _bare(kind, mapping=isinstance(data, dict))
     within = f" in {parent}" if parent else ""
     if _is_model(kind):
         if data is not None and not isinstance(data, dict):
@@ -90,13 +90,13 @@ def _item(data: Any, key: str | int) -> Any:
     return data[key] if isinstance(data, list | tuple) and isinstance(key, int) else None
 
 
-def _bare(kind: Any) -> Any:
-    """The type without annotations and `| None`."""
+def _bare(kind: Any, *, mapping: bool = False) -> Any:
+    """The type without annotations; of a union the first member, or the model for a `mapping`."""
     if get_origin(kind) is Annotated:
-        return _bare(get_args(kind)[0])
+        return _bare(get_args(kind)[0], mapping=mapping)
     if get_origin(kind) in (Union, UnionType):
-        kinds = [part for part in get_args(kind) if part is not NoneType]
-        return _bare(kinds[0])
+        kinds = [_bare(part, mapping=mapping) for part in get_args(kind) if part is not NoneType]
+        return next((part for part in kinds if mapping and _is_model(part)), kinds[0])
     return kind
 
 

@@ -7,7 +7,7 @@ import json
 import platform
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,11 +22,13 @@ from coslobe.core.files import remove_leftovers, write_json
 from coslobe.core.progress import SILENT, Progress
 from coslobe.core.version import VERSION
 from coslobe.render.assets import Assets, world_blockers
+from coslobe.render.budget import within_budget
 from coslobe.render.gbuffer import GBuffer, trace_gbuffer
 from coslobe.render.images import BEAUTY, write_exr, write_png
 from coslobe.render.methods import create_method
-from coslobe.render.plan import PlannedFrame, check_layers, plan_frames
+from coslobe.render.plan import METHOD_LAYERS, PlannedFrame, check_layers, plan_frames
 from coslobe.render.scene import Scene, SceneFile
+from coslobe.render.vertices import interpolate, vertex_points, write_vertices
 from coslobe.render.video import find_ffmpeg, write_video
 
 if TYPE_CHECKING:
@@ -154,19 +156,30 @@ class _Renderer:
         start = time.perf_counter()
         scene = self._scene_file.at(planned.index)
         gbuffer = self._visible(scene)
+        at_vertices = scene.shading.at == "vertices"
+        points = vertex_points(scene, self._assets) if at_vertices else gbuffer
         gbuffer_seconds = time.perf_counter() - start
         blockers = world_blockers(scene, self._assets)
-        shading = self._method.shade(scene, gbuffer, blockers)
+        scene = within_budget(self._method, scene, points, blockers)
+        made = [name for name in self._layers if name in METHOD_LAYERS]
+        shading = self._method.shade(scene, points, blockers, made)
         self.build_seconds += shading.build_seconds
         self._skipped.update(shading.skipped)
-        _write_pictures(planned, gbuffer, shading.radiance, self._layers)
+        values = {BEAUTY: shading.radiance, **shading.layers}
+        if at_vertices:
+            write_vertices(planned.ply, scene, self._assets, points, shading.radiance)
+            values = {name: _between(scene, self._assets, gbuffer, value) for name, value in values.items()}
+        _write_pictures(planned, gbuffer, len(points.position), values, self._layers)
         seconds = time.perf_counter() - start - shading.build_seconds
         self._frames, self._seconds = self._frames + 1, self._seconds + seconds
-        return _record(planned, len(gbuffer.position), shading.kernel_seconds, gbuffer_seconds, seconds)
+        return _record(planned, len(points.position), shading.kernel_seconds, gbuffer_seconds, seconds)
 
     def _visible(self, scene: Scene) -> GBuffer:
-        """The shaded points, traced again only where the camera or an object has changed."""
-        seen = (scene.camera, scene.image, scene.objects, list(scene.materials))
+        """The shaded points, traced again only where the camera, an object or a picture has changed."""
+        materials = [
+            (name, part.pictures, part.anisotropic, part.tangent) for name, part in scene.materials.items()
+        ]
+        seen = (scene.camera, scene.image, scene.objects, materials)
         if self._gbuffer is None or seen != self._seen:
             self._gbuffer, self._seen = trace_gbuffer(scene, self._assets), seen
         return self._gbuffer
@@ -191,16 +204,26 @@ def _record(
     }
 
 
+def _between(scene: Scene, assets: Assets, gbuffer: GBuffer, values: NDArray) -> NDArray:
+    """Values of the vertices, [m] or [m, 3], at the visible points."""
+    columns = values if values.ndim == 2 else values[:, None]
+    between = interpolate(scene, assets, gbuffer, columns)
+    return between if values.ndim == 2 else between[:, 0]
+
+
 def _write_pictures(
-    planned: PlannedFrame, gbuffer: GBuffer, radiance: NDArray, layers: Sequence[str]
+    planned: PlannedFrame, gbuffer: GBuffer, points: int, values: Mapping[str, NDArray], layers: Sequence[str]
 ) -> None:
     """The frame's two files. The preview goes first and comes last: where it is, both are new."""
-    pictures = {BEAUTY: gbuffer.image(radiance), **{name: _layer(gbuffer, name) for name in layers}}
+    pictures = {name: gbuffer.image(value) for name, value in values.items()}
+    pictures = {BEAUTY: pictures[BEAUTY]} | {
+        name: pictures[name] if name in pictures else _layer(gbuffer, name) for name in layers
+    }
     attributes = {
         "version": VERSION,
         "config_sha256": planned.settings,
         "frame": planned.index,
-        "points": len(gbuffer.position),
+        "points": points,
     }
     try:
         planned.png.unlink(missing_ok=True)

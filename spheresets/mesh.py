@@ -42,6 +42,8 @@ class Mesh:
         As given: a path, or "sample:bunny".
     sha256 : str
         Hash of the file's bytes.
+    uv : float64 [n, 2] or None
+        Texture coordinates, v up; NaN where a part of the file has none, None where no part has any.
     defects : tuple of str
         What reading had to leave out.
     """
@@ -51,6 +53,7 @@ class Mesh:
     normals: NDArray[np.float64]
     file: str
     sha256: str
+    uv: NDArray[np.float64] | None = None
     defects: tuple[str, ...] = ()
 
     @property
@@ -89,8 +92,8 @@ def load_mesh(source: str | Path) -> Mesh:
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidInput(f"{path}: not a mesh file type that can be read", f"use {', '.join(SUFFIXES)}")
     digest = sha256(path)
-    vertices, faces, normals, defects = _triangles(path)
-    return Mesh(vertices, faces, normals, str(source), digest, defects)
+    vertices, faces, normals, uv, defects = _triangles(path)
+    return Mesh(vertices, faces, normals, str(source), digest, uv, defects)
 
 
 def blocks(count: int) -> Iterator[slice]:
@@ -114,17 +117,17 @@ def _sample_bunny() -> Mesh:
             f"{SAMPLE_BUNNY}: the installed pymeshlab does not contain the bunny", "pip install pymeshlab"
         )
     digest = sha256(path)
-    vertices, faces, normals, _ = _triangles(path)
+    vertices, faces, normals, uv, _ = _triangles(path)
     lower, upper = vertices.min(0), vertices.max(0)
     origin = np.array([(lower[0] + upper[0]) / 2, lower[1], (lower[2] + upper[2]) / 2])
-    return Mesh((vertices - origin) / (upper - lower).max(), faces, normals, SAMPLE_BUNNY, digest)
+    return Mesh((vertices - origin) / (upper - lower).max(), faces, normals, SAMPLE_BUNNY, digest, uv)
 
 
-def _triangles(path: Path) -> tuple[Array, NDArray[np.int32], Array, tuple[str, ...]]:
-    """Vertices, faces, unit normals, and what was left out."""
+def _triangles(path: Path) -> tuple[Array, NDArray[np.int32], Array, Array | None, tuple[str, ...]]:
+    """Vertices, faces, unit normals, texture coordinates, and what was left out."""
     readers = {".ply": read_ply, ".obj": read_obj, ".stl": read_stl}
     try:
-        vertices, faces, normals = readers.get(path.suffix.lower(), _read_gltf)(path)
+        vertices, faces, normals, uv = readers.get(path.suffix.lower(), _read_gltf)(path)
     except Exception as error:  # readers raise whatever their format makes them stumble over
         reason = str(error) if type(error) is ValueError else f"{type(error).__name__}: {error}"
         raise InvalidInput(f"{path}: cannot be read as a mesh ({reason})", "export the mesh again") from error
@@ -156,11 +159,11 @@ def _triangles(path: Path) -> tuple[Array, NDArray[np.int32], Array, tuple[str, 
         normals[missing] = angle_weighted_normals(vertices, faces)[missing]
         length[missing] = 1
     normals /= length[:, None]
-    return vertices, faces, normals, defects
+    return vertices, faces, normals, uv if np.isfinite(uv).any() else None, defects
 
 
-def _read_gltf(path: Path) -> tuple[Array, NDArray[np.int64], Array]:
-    """Vertices, faces and normals (zero where the file has none) of all nodes, put in place.
+def _read_gltf(path: Path) -> tuple[Array, NDArray[np.int64], Array, Array]:
+    """Vertices, faces, normals (0 where the file has none) and uv (else NaN) of all nodes, put in place.
 
     Joints and morph targets stay in their rest pose.
 
@@ -177,11 +180,11 @@ def _read_gltf(path: Path) -> tuple[Array, NDArray[np.int64], Array]:
     parts = [_placed(scene, node) for node in scene.graph.nodes_geometry]
     parts = [part for part in parts if part is not None]
     if not parts:
-        return np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3))
-    offsets = np.cumsum([0] + [len(vertices) for vertices, _, _ in parts])
-    vertices, faces, normals = zip(*parts, strict=True)
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3)), np.zeros((0, 2))
+    offsets = np.cumsum([0] + [len(vertices) for vertices, _, _, _ in parts])
+    vertices, faces, normals, uv = zip(*parts, strict=True)
     faces = [part + offset for part, offset in zip(faces, offsets, strict=False)]
-    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals)
+    return tuple(np.concatenate(part) for part in (vertices, faces, normals, uv))
 
 
 def _check_gltf(path: Path) -> None:
@@ -205,8 +208,8 @@ def _check_gltf(path: Path) -> None:
                 raise ValueError("has sparse accessors for positions or indices; export it without")
 
 
-def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]] | None:
-    """Vertices, faces and file normals (zero where the file has none) of one node in scene coordinates."""
+def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]] | None:
+    """Vertices, faces, the file's normals (else 0) and uv (else NaN) of one node in scene coordinates."""
     import trimesh
 
     transform, name = scene.graph[node]
@@ -226,7 +229,9 @@ def _placed(scene: Any, node: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[
         if np.linalg.det(linear) < 0:
             faces = faces[:, ::-1]
             normals = -normals
-    return vertices, faces, normals
+    uv = getattr(geometry.visual, "uv", None)
+    uv = np.full((len(vertices), 2), np.nan) if uv is None else np.array(uv, np.float64)[:, :2]
+    return vertices, faces, normals, uv
 
 
 def _cofactors(m: NDArray[np.float64]) -> NDArray[np.float64]:

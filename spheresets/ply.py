@@ -29,6 +29,7 @@ TYPES = {
 ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 LONGEST_LINE = 4096  # of a header
 INDICES = ("vertex_indices", "vertex_index")
+TEXTURE = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"))
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,10 @@ class Element:
     properties: list[Property]
 
 
-def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Vertices [n, 3], triangles [m, 3] and normals [n, 3], zero where the file has none.
+def read_ply(
+    path: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Vertices [n, 3], triangles [m, 3], normals [n, 3] (else 0) and texture coordinates [n, 2] (else NaN).
 
     Raises
     ------
@@ -75,14 +78,13 @@ def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArra
     if not {"x", "y", "z"} <= vertex.keys():
         raise ValueError("no vertices with x, y and z")
     vertices = np.stack([vertex[k] for k in "xyz"], axis=1).astype(np.float64)
-    names = ("nx", "ny", "nz")
-    named = all(name in vertex for name in names)
-    normals = (
-        np.stack([vertex[k] for k in names], axis=1).astype(np.float64) if named else np.zeros_like(vertices)
-    )
+    normals = _columns(vertex, ("nx", "ny", "nz"))
+    normals = np.zeros_like(vertices) if normals is None else normals
+    found = (_columns(vertex, names) for names in TEXTURE)
+    uv = next((pair for pair in found if pair is not None), np.broadcast_to(np.nan, (len(vertices), 2)))
     polygons = next((tables["face"][name] for name in INDICES if name in tables.get("face", {})), None)
     if polygons is None:
-        return vertices, np.zeros((0, 3), np.int64), normals
+        return vertices, np.zeros((0, 3), np.int64), normals, uv
     corners, sizes = polygons
     wrong = (corners < 0) | (corners >= len(vertices))
     if wrong.any():
@@ -90,9 +92,16 @@ def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArra
             f"a face refers to vertex {int(corners[wrong][0])}, but the file has {len(vertices)}"
         )
     if (sizes == 3).all():
-        return vertices, corners.reshape(-1, 3), normals
+        return vertices, corners.reshape(-1, 3), normals, uv
     corners = corners.astype(np.int64)
-    return vertices, corners[split_polygons(vertices, corners, sizes)], normals
+    return vertices, corners[split_polygons(vertices, corners, sizes)], normals, uv
+
+
+def _columns(table: dict, names: tuple[str, ...]) -> NDArray[np.float64] | None:
+    """Columns side by side; None where one is missing."""
+    if not all(name in table for name in names):
+        return None
+    return np.stack([table[name] for name in names], axis=1).astype(np.float64)
 
 
 def _header(file: BinaryIO) -> tuple[bool, list[Element]]:

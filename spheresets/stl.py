@@ -11,8 +11,10 @@ RECORD = np.dtype([("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attrib
 HEAD = 84  # bytes before the records; the last four count them
 
 
-def read_stl(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64]]:
-    """Vertices [n, 3], triangles [m, 3] and normals [n, 3], which are zero.
+def read_stl(
+    path: Path,
+) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    """Vertices [n, 3], triangles [m, 3], normals [n, 3] (zero) and texture coordinates [n, 2] (NaN).
 
     The format repeats the corners of its triangles; here those at the same place are one vertex.
 
@@ -37,4 +39,4 @@ def read_stl(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArra
     place, places = coincident(points)
     vertices = np.empty((places, 3))
     vertices[place] = points
-    return vertices, place.reshape(-1, 3), np.zeros_like(vertices)
+    return vertices, place.reshape(-1, 3), np.zeros_like(vertices), np.broadcast_to(np.nan, (places, 2))

@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.core.progress import SILENT, Progress
-from coslobe.tables import cap, lobe, lobe_cap, product
+from coslobe.tables import cap, lobe, lobe_cap, product, weights
 from coslobe.tables.grid import MAX_EXPONENT
+from coslobe.tables.quadtree import shadow_leaves
 from coslobe.tables.store import LobeTables
 
 TRIPLES = 100_000
@@ -64,6 +65,7 @@ def report(tables: LobeTables) -> dict[str, Any]:
             cap.l2_distance(depth, tables.cap.exponent(depth)) - cap.l2_distance(depth, solved)
         ),
         "lobe_cap_error": _lobe_cap_error(tables, rng),
+        "weights_error": _weights_error(tables, rng),
     }
 
 
@@ -120,6 +122,19 @@ def _lobe_cap_error(tables: LobeTables, rng: np.random.Generator) -> dict[str, f
     peak = lobe_cap.exact(e, np.zeros(n), alpha).integral
     exact = lobe_cap.exact(e, theta, alpha).integral
     return _statistics((tables.lobe_cap.lookup(e, theta, alpha).integral - exact) / peak)
+
+
+def _weights_error(tables: LobeTables, rng: np.random.Generator) -> dict[str, float]:
+    """|lobes - mask| of the visible share of a light in penumbra, for masks that no fit has seen."""
+    depth = weights.MASK_DEPTHS[-1]
+    masks = weights.random_masks(rng, 500, 2**depth)
+    leaves = shadow_leaves(masks)
+    errors = []
+    for tangent in (0.01, 0.1, 0.3, 1.0):
+        own = tables.weights.lookup(depth, tangent**2 / (1 + tangent**2))
+        shadow = weights.shadow_parts(tables.product, tables.cap, leaves, tangent) @ own
+        errors.append(np.maximum(1 - shadow, 0) - weights.visible_share(masks, tangent))
+    return _statistics(np.concatenate(errors))
 
 
 def _statistics(error: NDArray) -> dict[str, float]:

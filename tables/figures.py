@@ -1,4 +1,4 @@
-"""Counterparts of the paper's Figures 2, 3, 4, 6 and 7, drawn from the tables."""
+"""Counterparts of the paper's Figures 2, 3, 4, 6, 7 and 12, drawn from the tables."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,9 +8,10 @@ import numpy as np
 
 from coslobe.core.files import atomic_path
 from coslobe.core.progress import SILENT, Progress
-from coslobe.tables import cap, lobe
+from coslobe.tables import cap, lobe, weights
 from coslobe.tables.errors import RANGES
 from coslobe.tables.grid import exponent_coordinate, exponent_nodes, exponent_of
+from coslobe.tables.quadtree import shadow_leaves
 from coslobe.tables.store import LobeTables
 
 PRODUCTS = 10_000_000  # of Fig. 4
@@ -33,6 +34,7 @@ def draw(tables: LobeTables, folder: Path, progress: Progress = SILENT) -> list[
         "figure04_distribution": _distribution,
         "figure06_exponent": _exponent,
         "figure07_cap": _cap,
+        "figure12_weights": _weights,
     }
     files = []
     with progress.task("drawing", len(drawings)) as advance:
@@ -162,4 +164,25 @@ def _cap(figure: Any, tables: LobeTables) -> str:
     return (
         "Paper, Fig. 7 and (32): a sphere seen as a cap of half-angle α_cap is fitted by a lobe.\n"
         "Here: those lobes (solid) and energy-conserving ones (dotted); the exponent, every 40th sample."
+    )
+
+
+def _weights(figure: Any, tables: LobeTables) -> str:
+    weight, share = figure.subplots(1, 2)
+    depth = weights.MASK_DEPTHS[-1]
+    dist = np.geomspace(0.29, 20, 300)
+    for level, values in enumerate(tables.weights.lookup(depth, 1 / (1 + 4 * dist**2)).T):
+        weight.plot(dist, values, color=f"C{level}", label=f"leaves of depth {level}")
+    weight.set(xscale="log", xlabel="dist of the unit square", ylabel="weight w", ylim=(0.5, 2.0))
+    weight.legend(fontsize=8)
+    masks = weights.random_masks(np.random.default_rng(0), 400, 2**depth)
+    tangent = 0.12
+    parts = weights.shadow_parts(tables.product, tables.cap, shadow_leaves(masks), tangent)
+    lobes = 1 - parts @ tables.weights.lookup(depth, tangent**2 / (1 + tangent**2))
+    share.plot(weights.visible_share(masks, tangent), lobes, "k.", markersize=3)
+    share.plot([0, 1], [0, 1], color="C3", linewidth=0.8)
+    share.set(xlabel="visible share of the light", ylabel="the same by lobes of leaves")
+    return (
+        "Paper, Fig. 12: lobes of leaves overlap, the more the nearer the square; weights set by hand.\n"
+        "Here: weights by the umbra rule and least squares; 400 random masks under a light of 7° half-angle."
     )

@@ -1,15 +1,15 @@
-"""What the kernel file tables.cl shares with the tables: its constants, and the samples as float32."""
+"""What the kernel files tables.cl and paper.cl share with the tables: constants, and samples as float32."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.tables import cap, integral, product
+from coslobe.tables import cap, integral, product, weights
 from coslobe.tables.grid import MAX_EXPONENT, exponent_coordinate
 from coslobe.tables.store import LobeTables
 
 
 def defines() -> dict[str, int | float]:
-    """Compile-time constants of tables.cl."""
+    """Compile-time constants."""
     return {
         "MAX_EXPONENT": MAX_EXPONENT,
         "PRODUCT_EXPONENTS": product.EXPONENTS,
@@ -20,10 +20,21 @@ def defines() -> dict[str, int | float]:
         "INTEGRAL_SAMPLES": integral.SAMPLES,
         "CAP_SAMPLES": cap.SAMPLES,
         "CAP_SMALLEST_DEPTH": cap.SMALLEST_DEPTH,
+        "WEIGHT_SAMPLES": weights.SAMPLES,
+        "WEIGHT_LEVELS": weights.LEVELS,
+        "WEIGHT_STEPS": (weights.SAMPLES - 1) / weights.LARGEST_SINE2,
     }
 
 
 def samples(tables: LobeTables) -> dict[str, NDArray]:
-    """The arrays that `product_lobe`, `table_integral` and `cap_lobe` read, float32."""
-    arrays = {"product": tables.product.values, "integral": tables.integral.values, "cap": tables.cap.values}
+    """The arrays that `product_lobe`, `table_integral`, `cap_lobe` and `leaf_level` read, float32.
+
+    The weights begin anew for each of `weights.MASK_DEPTHS`.
+    """
+    arrays = {
+        "product": tables.product.values,
+        "integral": tables.integral.values,
+        "cap": tables.cap.values,
+        "weights": tables.weights.values,
+    }
     return {name: np.ascontiguousarray(array, np.float32) for name, array in arrays.items()}

@@ -12,7 +12,7 @@ from coslobe.core import cache
 from coslobe.core.errors import CoslobeError, InvalidInput
 from coslobe.core.files import atomic_path
 from coslobe.core.progress import SILENT, Progress
-from coslobe.tables import cap, integral, lobe, lobe_cap, product
+from coslobe.tables import cap, integral, lobe, lobe_cap, product, weights
 from coslobe.tables.grid import exponent_nodes
 
 FORMAT = "coslobe-tables/1"
@@ -26,11 +26,12 @@ class LobeTables:
     integral: integral.IntegralTable
     cap: cap.CapTable
     lobe_cap: lobe_cap.LobeCapTable
+    weights: weights.WeightTable
 
 
 def build(progress: Progress = SILENT) -> LobeTables:
     """Build and verify all tables; seconds, not hours, because every integral is one-dimensional."""
-    with progress.task("building tables", 4) as advance:
+    with progress.task("building tables", 5) as advance:
         product_table = product.build()
         advance(note="product")
         integral_table = integral.build()
@@ -39,7 +40,9 @@ def build(progress: Progress = SILENT) -> LobeTables:
         advance(note="cap")
         lobe_cap_table = lobe_cap.build()
         advance(note="lobe over cap")
-    tables = LobeTables(product_table, integral_table, cap_table, lobe_cap_table)
+        weight_table = weights.build(product_table, cap_table)
+        advance(note="weights of shadows")
+    tables = LobeTables(product_table, integral_table, cap_table, lobe_cap_table, weight_table)
     verify(tables)
     return tables
 
@@ -91,6 +94,10 @@ def _exact_cases(tables: LobeTables) -> Iterator[tuple[str, bool]]:
     inside = 2 * np.pi * -np.expm1((e + 1) * np.log1p(-depth)) / (e + 1)
     coaxial = tables.lobe_cap.lookup(e, np.zeros_like(e), np.ones_like(e)).integral
     yield "a lobe over a coaxial cap has its closed form", np.allclose(coaxial, inside, rtol=2e-3)
+    covered = [np.ones((1, 1, 1), bool)]
+    part = weights.shadow_parts(tables.product, tables.cap, covered, tangent=1.0)[0, 0]
+    root = tables.weights.lookup(5, sine2=0.5)[0]
+    yield "a covered light is dark", bool(abs(part * root - 1) < 1e-3)
 
 
 def _arrays(tables: LobeTables) -> dict[str, NDArray]:
@@ -100,6 +107,7 @@ def _arrays(tables: LobeTables) -> dict[str, NDArray]:
         "integral": tables.integral.values,
         "cap": tables.cap.values,
         "lobe_cap": tables.lobe_cap.values,
+        "weights": tables.weights.values,
     }
 
 
@@ -135,6 +143,7 @@ def load(path: Path) -> LobeTables:
         "integral": content.get("integral", np.empty(0)).shape,
         "cap": (cap.SAMPLES,),
         "lobe_cap": (lobe_cap.EXPONENTS, lobe_cap.CAPS, lobe_cap.ANGLES, 4),
+        "weights": (len(weights.MASK_DEPTHS), weights.SAMPLES, weights.LEVELS),
     }
     if {name: array.shape for name, array in content.items()} != shapes or _checksum(content) != checksum:
         raise InvalidInput(f"{path}: table file is damaged", hint)
@@ -143,6 +152,7 @@ def load(path: Path) -> LobeTables:
         integral.IntegralTable(content["integral_exponents"], content["integral"]),
         cap.CapTable(content["cap"]),
         lobe_cap.LobeCapTable(content["lobe_cap"]),
+        weights.WeightTable(content["weights"]),
     )
     verify(tables)
     return tables

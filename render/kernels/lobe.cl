@@ -1,9 +1,9 @@
 /* Lobe mathematics on the device. Each function has a float64 twin: coslobe.tables.lobe, coslobe.tables.lobe_cap
    and coslobe.render.unshadowed. Angles in rad, solid angles in sr. */
 
-/* exp(e log(1 - q)) for rows of q >= 0: the lobe from q = |a - v|^2 / 2, without the rounding of a dot product.
-   Own polynomials, because runtimes compute exp and log lane by lane. Relative error 1e-6 + 2e-7 |e log(1 - q)|. */
-inline rf lobe_rows(rf q, float e)
+/* log(1 - q) for rows of q in [0, 1). Own polynomials here and below, because runtimes compute exp and log lane by
+   lane. */
+inline rf log_rows(rf q)
 {
     const rf x = fmax(1.0f - q, 1e-30f);
     const ri raw = AS_RI(x);
@@ -13,15 +13,31 @@ inline rf lobe_rows(rf q, float e)
     const rf z = s * s;
     const rf atanh2 = 2.0f * s * (1.0f + z * (1.0f / 3 + z * (1.0f / 5 + z * (1.0f / 7 + z * (1.0f / 9)))));
     /* The last term restores what rounding took from 1 - q. */
-    const rf log_x = atanh2 + TO_RF(exponent) * 0.693147180559945f - (q - (1.0f - x)) / x;
-    const rf y = e * log_x;
+    return atanh2 + TO_RF(exponent) * 0.693147180559945f - (q - (1.0f - x)) / x;
+}
+
+/* exp(y) for rows of y <= 80; 0 below -80, before results lose digits. */
+inline rf exp_rows(rf y)
+{
     const rf t = fmax(y, -80.0f) * 1.44269504088896f;
     const rf whole = floor(t + 0.5f);
     const rf f = t - whole;
     const rf p = 1.0f + f * (0.693147180559945f + f * (0.240226506959101f + f * (0.0555041086648216f
                + f * (0.00961812910762848f + f * (0.00133335581464284f + f * 0.000154035303933816f)))));
-    const rf power = AS_RF((TO_RI(whole) + 127) << 23);
-    return select((rf)(0.0f), p * power, (y > -80.0f) & (q < 1.0f));
+    return select((rf)(0.0f), p * AS_RF((TO_RI(whole) + 127) << 23), y > -80.0f);
+}
+
+/* exp(e log(1 - q)) for rows of q >= 0: the lobe from q = |a - v|^2 / 2, without the rounding of a dot product.
+   Relative error 1e-6 + 2e-7 |e log(1 - q)|. */
+inline rf lobe_rows(rf q, float e)
+{
+    return select((rf)(0.0f), exp_rows(e * log_rows(q)), q < 1.0f);
+}
+
+/* The same for one direction. */
+inline float lobe_value(float q, float e)
+{
+    return q < 1.0f ? exp(fmax(e * log1p(-q), -80.0f)) : 0.0f;
 }
 
 /* Irradiance / radiance of a uniform sphere light that a horizon may cut: Snyder 1996; Lagarde and de Rousiers
@@ -51,9 +67,10 @@ inline float smooth_minimum(float a, float b)
     return a * rsqrt(sqrt(1.0f + x2 * x2));
 }
 
-/* Integral of (r.v)^e (n.v) over the cap around a whose half-angle, at most 60 degrees, has this `sine` and
-   `depth` = 1 - cosine, the cap wholly in front of n; see coslobe.tables.lobe_cap.lookup_slice. */
-inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, float3 n, float3 a, float sine, float depth)
+/* Integral of (r.v)^e (n.v), or of (r.v)^e without `cosine`, over the cap around a whose half-angle, at most 60 degrees,
+   has this `sine` and `depth` = 1 - cosine, the cap wholly in front of n; see coslobe.tables.lobe_cap.lookup_slice. */
+inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, float3 n, float3 a, float sine, float depth,
+                           int with_cosine)
 {
     const float width = rsqrt(e + 1.0f);
     const float3 gap = a - r;
@@ -83,6 +100,8 @@ inline float lobe_over_cap(__global const float4 *slice, float e, float3 r, floa
     const float cap = 2.0f * M_PI_F * depth, whole = 2.0f * M_PI_F / (e + 1.0f);
     /* Below e = 1 the samples overshoot where the lobe's hemisphere ends within a small cap; no lobe exceeds the cap. */
     const float integral = fmin(exp(log_t) * whole / (cap + whole), 1.0f) * cap;
+    if (!with_cosine)
+        return integral;
     const float along = g * near.z + f * far.z, towards = g * near.w + f * far.w;
     const float cosine = 1.0f - 0.5f * chord2;
     return integral * fmax(along * dot(n, r) + towards * (dot(n, a) - cosine * dot(n, r)), 0.0f);

@@ -37,11 +37,30 @@ inline float log_cosine_power(float e, float t, float rest)
     return -leading - (fma(half_e, x, -leading) + half_e * x_rest + e * x * x * series);
 }
 
+/* The largest sampled angle. */
+inline float product_reach(float e1, float e2)
+{
+    return fmin(PRODUCT_REACH * sqrt(1.0f / (e1 + 1.0f) + 1.0f / (e2 + 1.0f)), M_PI_F);
+}
+
+/* Where the samples of a pair of sampled exponents begin; half of the square is stored. */
+inline int product_row(int i, int j)
+{
+    const int high = max(i, j);
+    return 3 * PRODUCT_ANGLES * (high * (high + 1) / 2 + min(i, j));
+}
+
 /* The lobe that stands for the product of two lobes of amplitude 1 whose axes are `alpha` in [0, pi] apart. */
 inline ProductLobe product_lobe(__global const float *table, float e1, float e2, float alpha)
 {
-    const float last = fmin(PRODUCT_REACH * sqrt(1.0f / (e1 + 1.0f) + 1.0f / (e2 + 1.0f)), M_PI_F);
+    const float last = product_reach(e1, e2);
     const float opening = (M_PI_F - alpha) - 8.742278e-8f; /* pi is that much less than its float */
+    ProductLobe lobe;
+    lobe.axis_angle = peak_angle(e1, e2, alpha);
+    lobe.exponent = e1 + e2;
+    lobe.scale_l2 = lobe.scale_energy = lobe.integral = 0.0f;
+    if (alpha > last || opening <= 0.0f)
+        return lobe;
     const float2 position = fmin(log1p((float2)(2.0f * e1, 2.0f * e2)) * PRODUCT_STEPS, PRODUCT_EXPONENTS - 1);
     const int2 cell = min(convert_int2(position), PRODUCT_EXPONENTS - 2);
     const float2 f = position - convert_float2(cell);
@@ -50,9 +69,8 @@ inline ProductLobe product_lobe(__global const float *table, float e1, float e2,
     const int angle = min((int)back, PRODUCT_ANGLES - 2);
     float3 residual = 0.0f;
     for (int corner = 0; corner < 4; corner++) {
-        const int a = corner & 1, b = corner >> 1, i = cell.x + a, j = cell.y + b;
-        const int high = max(i, j), row = high * (high + 1) / 2 + min(i, j); /* half of the square is stored */
-        __global const float *p = table + 3 * (row * PRODUCT_ANGLES + PRODUCT_ANGLES - 2 - angle);
+        const int a = corner & 1, b = corner >> 1;
+        __global const float *p = table + product_row(cell.x + a, cell.y + b) + 3 * (PRODUCT_ANGLES - 2 - angle);
         residual += (a ? f.x : 1.0f - f.x) * (b ? f.y : 1.0f - f.y) * mix(vload3(1, p), vload3(0, p), back - angle);
     }
 
@@ -71,12 +89,6 @@ inline ProductLobe product_lobe(__global const float *table, float e1, float e2,
     const float width = rsqrt(k / (2.0f * M_PI_F) + 1.0f / fmax(opening * opening, 1e-30f));
     const float z = 0.5f * (e1 + e2 + 2.0f);
 
-    ProductLobe lobe;
-    lobe.axis_angle = peak_angle(e1, e2, alpha);
-    lobe.exponent = e1 + e2;
-    lobe.scale_l2 = lobe.scale_energy = lobe.integral = 0.0f;
-    if (alpha > last || opening <= 0.0f)
-        return lobe;
     lobe.exponent = fmax(exp(residual.x) * (sqrt((e1 + e2) * k) + PRODUCT_SHIFT) - PRODUCT_SHIFT, 0.0f);
     lobe.scale_l2 = exp(log_peak + residual.y);
     lobe.integral = exp(log_peak + residual.z) * sqrt(M_PI_F / (z - 0.25f + 0.03125f / z)) * width;

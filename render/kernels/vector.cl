@@ -39,6 +39,7 @@ typedef CAT(uint, RW) ru;
 #define RU_LOAD(k, p) CAT(vload, RW)(k, p)
 #define RU_STORE(v, k, p) CAT(vstore, RW)(v, k, p)
 #define RF_STORE(v, p) CAT(vstore, RW)(v, 0, p)
+#define RF_LOAD(p) CAT(vload, RW)(0, p)
 #define TO_RI CAT(convert_int, RW)
 #define TO_RF CAT(convert_float, RW)
 #define AS_RU CAT(as_uint, RW)

@@ -1,5 +1,6 @@
 """What every lighting method offers to the renderer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -24,12 +25,15 @@ class Shading:
         Time spent on building programs for this frame; 0 where they were ready.
     skipped : dict
         What was not computed because the scene did not need it, by name.
+    layers : dict
+        The layers that were asked for, by name: [n] or [n, 3].
     """
 
     radiance: NDArray
     kernel_seconds: float
     build_seconds: float
     skipped: dict[str, Any] = field(default_factory=dict)
+    layers: dict[str, NDArray] = field(default_factory=dict)
 
 
 class Method(Protocol):
@@ -39,6 +43,12 @@ class Method(Protocol):
         """Get what no frame changes, such as tables, so that it does not count as the first frame's time."""
         ...
 
-    def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
-        """Light the points of `gbuffer`."""
+    def shade(
+        self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
+    ) -> Shading:
+        """Light the points of `gbuffer`; `layers` may name irradiance, products and mask_leaves.
+
+        irradiance: diffuse light that arrives, float32 [n, 3]; products: lobe products computed, [n];
+        mask_leaves: leaves of the visibility masks, [n].
+        """
         ...

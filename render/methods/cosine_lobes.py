@@ -1,6 +1,7 @@
 """The method of the product: sphere sets, bit masks and lobe integrals in one OpenCL kernel."""
 
 import time
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -13,13 +14,21 @@ from coslobe.render import layout
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.groups import Groups, group
-from coslobe.render.mask import ROUNDING, disk, pack, turns
+from coslobe.render.mask import ROUNDING, disk_tree, turns
 from coslobe.render.materials import pack_materials
 from coslobe.render.methods.base import Shading
-from coslobe.render.scene import Scene
-from coslobe.tables import lobe_cap, store
+from coslobe.render.scene import Mask, Paper, Scene
+from coslobe.tables import layout as tables_layout
+from coslobe.tables import lobe_cap, store, weights
+from coslobe.tables.quadtree import disk
 
-UNITS = ("vector.cl", "lobe.cl", "mask.cl", "shade.cl")  # in order of dependence
+# The program, in order of dependence; the estimator's units go before the last.
+UNITS = ("vector.cl", "lobe.cl", "mask.cl", "leaves.cl", "blockers.cl", "materials.cl", "wide.cl")
+ESTIMATORS = {
+    "accurate": ("cells.cl", "accurate.cl"),
+    "paper": ("cells.cl", "tables.cl", "products.cl", "paper.cl"),
+}
+KERNEL = "shade.cl"
 WORK_GROUP = 64
 
 # Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
@@ -37,26 +46,42 @@ LARGEST_MOMENT_H = 0.2
 NEGLIGIBLE_LOBE = 1e-4
 
 
-def kernel_units() -> list[tuple[str, str]]:
+def kernel_units(estimator: str) -> list[tuple[str, str]]:
     """(name, source) of the program: the shared structs, then the kernel files in order."""
     folder = files("coslobe.render.kernels")
-    return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in UNITS]
+    names = (*UNITS, *ESTIMATORS[estimator], KERNEL)
+    return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in names]
 
 
-def kernel_defines(vector_width: int, depth: int, mode: str, *, glossy: bool) -> dict[str, int | float | str]:
+def kernel_defines(
+    vector_width: int,
+    mask: Mask,
+    max_lobes: int,
+    *,
+    anisotropic: bool = False,
+    irradiance: bool = False,
+    leaves: bool = False,
+    paper: Paper = Paper(),
+) -> dict[str, int | float | str]:
     """Compile-time constants of one program variant."""
-    rows = 2**depth
+    rows = 2**mask.depth
     row_width = min(vector_width, rows)
-    first, last = ROUNDING[mode]
+    first, last = ROUNDING[mask.mode]
     return {
         "VW": vector_width,
         "ROWS": rows,
+        "MASK_DEPTH": mask.depth,
         "RW": row_width,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
         "DISK_CELLS": float(disk(rows).sum()),
-        "GLOSSY": int(glossy),
+        "MAX_LOBES": max_lobes,
+        "ANISOTROPIC": int(anisotropic),
+        "IRRADIANCE": int(irradiance),
+        "LEAVES": int(leaves),
+        "UNIT_LIGHTS": int(paper.light_lobes == "unit"),
+        "L2_PRODUCTS": int(paper.products == "l2"),
         "CAPS": lobe_cap.CAPS,
         "ANGLES": lobe_cap.ANGLES,
         "SMALLEST_CAP": lobe_cap.SMALLEST_CAP,
@@ -68,6 +93,7 @@ def kernel_defines(vector_width: int, depth: int, mode: str, *, glossy: bool) ->
         "WIDE_SECTORS": WIDE_SECTORS,
         "LARGEST_MOMENT_H": LARGEST_MOMENT_H,
         "NEGLIGIBLE_LOBE": NEGLIGIBLE_LOBE,
+        **tables_layout.defines(),
     }
 
 
@@ -79,34 +105,47 @@ class CosineLobes:
         self._progress = progress
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
-        self._points: tuple[GBuffer, Any, NDArray] | None = None
-        self._kernels: dict[tuple[tuple[str, Any], ...], Any] = {}
+        self._paper_tables: dict[int, list[Any]] = {}
+        self._points: tuple[GBuffer, NDArray, Any, NDArray] | None = None
+        self._kernels: dict[tuple[Any, ...], Any] = {}
 
     def prepare(self, scene: Scene) -> None:
-        """Load the lobe tables, building them on first use; a scene without lobes needs none."""
-        _, exponents = pack_materials(list(scene.materials.values()))
-        self._slice_buffer(exponents)
+        """Load the lobe tables where the scene needs them, building them on first use."""
+        lobes = any(material.lambert is None for material in scene.materials.values())
+        if lobes or scene.shading.estimator == "paper":
+            self._lobe_tables()
 
-    def shade(self, scene: Scene, gbuffer: GBuffer, blockers: Blockers) -> Shading:
+    def shade(
+        self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
+    ) -> Shading:
         """Direct light at every point, from every light, through every blocker."""
         n = len(gbuffer.position)
         if n == 0 or not scene.lights:
-            return Shading(np.zeros((n, 3), np.float32), 0.0, 0.0, {"points": n, "lights": len(scene.lights)})
+            return _unlit(n, len(scene.lights), layers)
         device = self._device
-        materials, exponents = pack_materials(list(scene.materials.values()))
+        packed = pack_materials(scene.materials, gbuffer)
         start = time.perf_counter()
-        glossy = len(exponents) > 0
-        mask = scene.shading.mask
-        defines = kernel_defines(device.info.vector_width, mask.depth, mask.mode, glossy=glossy)
-        kernel = self._kernel(defines)
+        irradiance = "irradiance" in layers
+        defines = kernel_defines(
+            device.info.vector_width,
+            scene.shading.mask,
+            packed.max_lobes,
+            anisotropic=gbuffer.tangent is not None,
+            irradiance=irradiance,
+            leaves="mask_leaves" in layers,
+            paper=scene.shading.paper,
+        )
+        kernel = self._kernel(scene.shading.estimator, defines)
         build_seconds = time.perf_counter() - start
 
-        points, origin = self._upload_points(gbuffer)
+        points, origin = self._upload_points(gbuffer, packed.index)
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
         radiance = device.allocate(n * 3 * 4)
+        arriving = device.allocate(n * 3 * 4 if irradiance else 16)
         stats = device.allocate(n * layout.STATS.itemsize)
+        nothing = device.allocate(16)
         # The kernel object keeps references to buffers only while arguments are set, so they live here.
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
@@ -115,49 +154,63 @@ class CosineLobes:
             WORK_GROUP,
             points,
             np.int32(n),
+            nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),
             *(np.float32(v) for v in eye),
-            device.upload(materials),
-            self._slice_buffer(exponents),
+            device.upload(packed.materials),
+            device.upload(packed.lobes),
+            self._slice_buffer(packed.exponents),
+            *self._paper_buffers(scene),
             device.upload(lights),
             np.int32(len(lights)),
+            np.float32(scene.shading.threshold),
             *spheres,
             np.int32(groups.n_groups),
-            device.upload(pack(disk(2**mask.depth))),
+            device.upload(disk_tree(2**scene.shading.mask.depth)),
             radiance,
             stats,
+            arriving,
         )
         result = device.download(radiance, (n, 3), np.float32)
         counts = device.download(stats, (n,), layout.STATS)
-        return Shading(result, launch.seconds, build_seconds, _summary(counts, len(lights), blockers))
+        found = {"products": counts["products"], "mask_leaves": counts["leaves"]}
+        if irradiance:
+            found["irradiance"] = device.download(arriving, (n, 3), np.float32)
+        return Shading(
+            result,
+            launch.seconds,
+            build_seconds,
+            _summary(counts, len(lights), blockers),
+            {name: found[name] for name in layers},
+        )
 
-    def _kernel(self, defines: dict[str, Any]) -> Any:
+    def _kernel(self, estimator: str, defines: dict[str, Any]) -> Any:
         """The kernel of one program variant."""
         from pyopencl import Kernel
 
-        key = tuple(defines.items())
+        key = (estimator, *defines.items())
         if key not in self._kernels:
-            self._kernels[key] = Kernel(self._device.build(kernel_units(), defines), "shade")
+            self._kernels[key] = Kernel(self._device.build(kernel_units(estimator), defines), "shade")
         return self._kernels[key]
 
-    def _upload_points(self, gbuffer: GBuffer) -> tuple[Any, NDArray]:
+    def _upload_points(self, gbuffer: GBuffer, material: NDArray) -> tuple[Any, NDArray]:
         """The points relative to their middle, so that float32 serves scenes far from the origin.
 
         It is the median: a few points near the horizon of a large plane must not move it away from the rest.
-        A G-buffer that did not change stays on the device.
+        A G-buffer that did not change stays on the device. `material` is the index of each point's struct.
         """
-        if self._points is not None and self._points[0] is gbuffer:
-            return self._points[1], self._points[2]
+        if self._points and self._points[0] is gbuffer and np.array_equal(self._points[1], material):
+            return self._points[2:]
         every = -(-len(gbuffer.position) // 4096)  # a few thousand of them tell as much
         origin = np.median(gbuffer.position[::every], axis=0)
         packed = np.empty(len(gbuffer.position), layout.POINT)
         packed["position"] = gbuffer.position - origin
         packed["geometric"] = gbuffer.geometric_normal
         packed["shading"] = gbuffer.shading_normal
-        packed["material"] = gbuffer.material
+        packed["material"] = material
         packed["object"] = gbuffer.object
         packed["turn"] = turns(gbuffer.pixel, gbuffer.width)
-        self._points = (gbuffer, self._device.upload(packed), origin)
-        return self._points[1], origin
+        self._points = (gbuffer, material, self._device.upload(packed), origin)
+        return self._points[2:]
 
     def _groups(self, scene: Scene, blockers: Blockers, origin: NDArray) -> Groups:
         """All blockers of the frame, the emitters too where there are several lights."""
@@ -179,10 +232,31 @@ class CosineLobes:
             if not key:
                 self._slices[key] = self._device.allocate(16)
             else:
-                if self._tables is None:
-                    self._tables = store.cached(self._progress)
-                self._slices = {key: self._device.upload(self._tables.lobe_cap.slice(exponents))}
+                self._slices = {key: self._device.upload(self._lobe_tables().lobe_cap.slice(exponents))}
         return self._slices[key]
+
+    def _paper_buffers(self, scene: Scene) -> list[Any]:
+        """Products, caps and the mask's weights on the device, which the paper's estimator reads."""
+        if scene.shading.estimator != "paper":
+            return [self._device.allocate(16)] * 3
+        depth = scene.shading.mask.depth
+        if depth not in self._paper_tables:
+            samples = tables_layout.samples(self._lobe_tables())
+            own = samples["weights"][weights.MASK_DEPTHS.index(depth)]
+            arrays = (samples["product"], samples["cap"], own)
+            self._paper_tables = {depth: [self._device.upload(array) for array in arrays]}
+        return self._paper_tables[depth]
+
+    def _lobe_tables(self) -> store.LobeTables:
+        if self._tables is None:
+            self._tables = store.cached(self._progress)
+        return self._tables
+
+
+def _unlit(n: int, lights: int, layers: Sequence[str]) -> Shading:
+    """What there is to see without a point or without a light."""
+    dark = {name: np.zeros((n, 3) if name == "irradiance" else n, np.float32) for name in layers}
+    return Shading(np.zeros((n, 3), np.float32), 0.0, 0.0, {"points": n, "lights": lights}, dark)
 
 
 def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:
@@ -190,7 +264,7 @@ def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:
     for entry, light in zip(packed, scene.lights.values(), strict=True):
         entry["center"] = np.asarray(light.sphere.center, np.float64) - origin
         entry["radius"] = light.sphere.radius
-        entry["radiance"] = light.sphere.radiance
+        entry["radiance"] = light.sphere.emission()
     return packed
 
 

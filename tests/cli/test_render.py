@@ -111,7 +111,6 @@ FAILURES = {
     "bad device": (["SCENE", "--device", "no such device"], 2, "no such device"),
     "bad estimator": (["SCENE", "--estimator", "exact"], 2, "--estimator"),
     "bad value": (["SCENE", "--set", "camera.fov=0"], 3, "camera.fov: must be > 0 (got 0)"),
-    "not supported": (["SCENE", "--estimator", "paper"], 3, "not supported in this version (got paper)"),
     "no such mesh": (["SCENE", "--set", "objects.cube.mesh=a.ply"], 3, "no such file"),
     "cannot write": (["SCENE", "-o", "file/out"], 1, "cannot be written"),
 }

@@ -12,6 +12,7 @@ from coslobe.evaluate.direct import Estimate, direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres
 from coslobe.evaluate.sampling import strata
 from coslobe.render.gbuffer import GBuffer
+from coslobe.render.scene import Material, SphereLight
 from coslobe.spheresets.files import write_spheres
 from coslobe.spheresets.model import Hierarchy, MeshInfo, SphereSet, SphereTree
 
@@ -37,6 +38,8 @@ class Bench:
             material=zeros,
             pixel=np.arange(n, dtype=np.int32),
             depth=np.ones(n),
+            triangle=zeros,
+            weights=np.tile([1.0, 0.0, 0.0], (n, 1)),
             width=n,
             height=1,
             samples=1,
@@ -44,17 +47,19 @@ class Bench:
 
     @staticmethod
     def lambert(albedo=1.0):
-        return SimpleNamespace(lambert=SimpleNamespace(albedo=(albedo,) * 3), phong=None)
+        return Material.model_validate({"lambert": {"albedo": albedo}})
 
     @staticmethod
     def phong(kd=0.0, ks=1.0, exponent=50.0):
-        return SimpleNamespace(
-            lambert=None, phong=SimpleNamespace(kd=(kd,) * 3, ks=(ks,) * 3, exponent=exponent)
-        )
+        return Material.model_validate({"phong": {"kd": kd, "ks": ks, "exponent": exponent}})
 
     @staticmethod
     def light(center, radius, radiance=1.0):
-        return SimpleNamespace(sphere=SimpleNamespace(center=center, radius=radius, radiance=(radiance,) * 3))
+        """A radius of 0 makes `radiance` an intensity."""
+        emission = {"radiance" if radius else "intensity": (radiance,) * 3}
+        return SimpleNamespace(
+            sphere=SphereLight(center=tuple(map(float, center)), radius=radius, **emission)
+        )
 
     @staticmethod
     def spheres(*spheres, owner=NONE, outside=0.0) -> Spheres:

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from coslobe.evaluate.brdf import brdf_terms
 from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.occlusion import Occluders, light_spheres
 from coslobe.evaluate.sampling import strata
@@ -174,8 +173,11 @@ def test_the_variance_is_honest(bench, case):
     light = bench.light((0.5, 2, 0), 0.6)
     blockers = bench.spheres(((0.3, 1, 0.05), 0.2)) if case == "edge" else bench.spheres()
     material = bench.phong(0.3, 0.4, 200) if case == "gloss" else bench.lambert(0.8)
-    gbuffer = bench.points(8000, view=(-0.5, 2, 0.2))
-    estimate = bench.estimate(gbuffer, light, material, blockers, samples=128)
+    # The lobe has its own directions, of which the light's rim in the mirror cuts a part off: only the strata
+    # on the rim vary, and they must be many.
+    n, samples = (4000, 1024) if case == "gloss" else (8000, 128)
+    gbuffer = bench.points(n, view=(-1.1 if case == "gloss" else -0.5, 2, 0.2))
+    estimate = bench.estimate(gbuffer, light, material, blockers, samples=samples)
     radiance = estimate.radiance[:, 0]
     squared_error = np.sum((radiance - radiance.mean()) ** 2) * len(radiance) / (len(radiance) - 1)
     assert squared_error / estimate.variance[:, 0].sum() == pytest.approx(1, abs=0.06)
@@ -206,21 +208,6 @@ def test_seeds_give_independent_noise(bench):
     gbuffer, light = bench.points(3000), bench.light((1, 2, 0), 0.8)
     a, b = (bench.estimate(gbuffer, light, seed=seed).radiance[:, 0] for seed in (0, 1))
     assert abs(np.corrcoef(a, b)[0, 1]) < 4.5 / np.sqrt(3000)
-
-
-def test_phong_is_reciprocal(bench):
-    rng = np.random.default_rng(0)
-    normal, view, light = (
-        v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal((0, 3, 0), size=(3, 100, 3))
-    )
-    lobe = brdf_terms(bench.phong(0.2, 0.5, 17))[1]
-
-    def as_directions(v):
-        return tuple(v.T[:, :, None])
-
-    there = lobe.values(normal, view, as_directions(light))
-    back = lobe.values(normal, light, as_directions(view))
-    np.testing.assert_allclose(there, back, rtol=1e-10, atol=1e-300)
 
 
 def test_own_spheres_do_not_darken_the_surface_they_stand_for(bench):

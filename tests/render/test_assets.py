@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from coslobe.core.errors import NoDevice
-from coslobe.render.assets import Assets, plane_mesh, world_blockers
+from coslobe.render.assets import Assets, world_blockers
+from coslobe.render.plane import locate, plane_mesh
 from coslobe.render.scene import Object, Plane, load_scene
 
 
@@ -93,3 +94,14 @@ def test_contents_do_not_depend_on_where_files_lie(tiny_scene, tmp_path):
     ]
     assert contents[0] == contents[1]
     assert Assets(None).contents(Object(plane=Plane(size=1), material="m")) == {}
+
+
+@pytest.mark.parametrize("resolution", [1, 4])
+def test_a_place_on_the_square_is_found_in_its_triangles(resolution):
+    plane = Plane(size=3, resolution=resolution)
+    mesh = plane_mesh(plane)
+    x, z = np.random.default_rng(0).uniform(-1.5, 1.5, (2, 500))
+    triangle, weights = locate(plane, x, z)
+    assert weights.min() > -1e-12
+    found = np.einsum("nk,nkd->nd", weights, mesh.vertices[mesh.faces[triangle]])
+    np.testing.assert_allclose(found, np.stack([x, 0 * x, z], axis=1), atol=1e-12)

@@ -6,7 +6,8 @@ import pytest
 from coslobe.render import mask, unshadowed
 from coslobe.render.methods.cosine_lobes import kernel_defines, kernel_units
 from coslobe.render.own_spheres import own_radius
-from coslobe.tables import lobe, lobe_cap, store
+from coslobe.render.scene import Mask
+from coslobe.tables import lobe, lobe_cap, quadtree, store
 
 pytestmark = pytest.mark.filterwarnings("ignore:Kernel .* retrieved more than once")
 
@@ -85,14 +86,14 @@ __kernel void lobe_cap_many(__global const float4 *slices, __global const float 
     __global const float *p = arguments + 11 * i;
     const float depth = 2.0f * sin(0.5f * p[10]) * sin(0.5f * p[10]);
     out[i] = lobe_over_cap(slices + (int)p[0] * (CAPS * ANGLES), p[1], (float3)(p[2], p[3], 0.0f),
-                           (float3)(p[4], p[5], p[6]), (float3)(p[7], p[8], p[9]), sin(p[10]), depth);
+                           (float3)(p[4], p[5], p[6]), (float3)(p[7], p[8], p[9]), sin(p[10]), depth, 1);
 }
 """
 
 
 def program(device, depth=5, mode="centre"):
-    units = [*kernel_units(), ("wrappers", WRAPPERS)]
-    return device.build(units, kernel_defines(device.info.vector_width, depth, mode, glossy=True))
+    units = [*kernel_units("accurate"), ("wrappers", WRAPPERS)]
+    return device.build(units, kernel_defines(device.info.vector_width, Mask(depth=depth, mode=mode), 1))
 
 
 def run(device, kernel, inputs, shape, dtype):
@@ -224,7 +225,7 @@ def test_blockers_that_reach_into_the_light(device):
     found = mask.unpack(
         run(device, program(device).near_light_many, [spheres, h, light], (n, 32), np.uint32), 32
     )
-    disk = mask.disk(32)
+    disk = quadtree.disk(32)
     blocked_somewhere = 0
     for bits, (x, y, z, size), half in zip(found, spheres, h, strict=True):
         directions = mask.directions(32, half)
@@ -249,7 +250,7 @@ def test_moments_of_bits(device, depth):
     bits = np.stack([mask.pack(c) for c in cells])
     h = rng.uniform(0.01, 1, n)
     found = run(device, program(device, depth).moments_many, [bits, h], (n, 3), np.float32)
-    x = mask.cell_centres(rows)
+    x = quadtree.cell_centres(rows)
     expected = np.stack(
         [cells.sum(axis=(1, 2)), (cells * x).sum(axis=(1, 2)) * h, (cells * x[:, None]).sum(axis=(1, 2)) * h],
         axis=1,

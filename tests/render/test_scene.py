@@ -108,7 +108,21 @@ BAD = {
         "exponent: -3",
         ["17:7: materials.clay.phong.exponent: must be >= 0 (got -3)"],
     ),
-    "radius 0": ("radius: 0.3", "radius: 0", ["19:43: lights.key.sphere.radius: must be > 0 (got 0)"]),
+    "radius 0": (
+        "radius: 0.3",
+        "radius: 0",
+        ["19:9: lights.key.sphere: a light of radius 0 is a point: give intensity instead of radiance"],
+    ),
+    "radiance and intensity": (
+        "radius: 0.3",
+        "radius: 0.3, intensity: 1",
+        ["19:9: lights.key.sphere: must hold exactly one of radiance, intensity"],
+    ),
+    "negative radius": (
+        "radius: 0.3",
+        "radius: -1",
+        ["19:43: lights.key.sphere.radius: must be >= 0 (got -1)"],
+    ),
     "scale 0": ("scale: 1.0", "scale: 0", ["26:53: objects.bunny.transform.scale: must be > 0 (got 0)"]),
     "fov": ("fov: 35", "fov: 180", ["2:83: camera.fov: must be < 180 (got 180)"]),
     "no frame": ("frames: 60", "frames: 0", ["4:12: sequence.frames: must be >= 1 (got 0)"]),
@@ -224,20 +238,20 @@ BAD = {
         "up: [2.5, -2.1, -3]",
         ["2:10: camera.look_at: up must not be parallel to the viewing direction"],
     ),
-    "vertices": (
+    "places": (
         "at: pixels",
-        "at: vertices",
-        ["6:3: shading.at: not supported in this version (got vertices)"],
+        "at: corners",
+        ["6:3: shading.at: must be 'pixels' or 'vertices' (got corners)"],
     ),
-    "paper": (
+    "light lobes": (
         "estimator: accurate",
-        "estimator: paper",
-        ["8:3: shading.estimator: not supported in this version (got paper)"],
+        "paper: {light_lobes: l2}",
+        ["8:11: shading.paper.light_lobes: must be 'energy' or 'unit' (got l2)"],
     ),
     "threshold": (
         "threshold: 0.0",
-        "threshold: 0.001",
-        ["10:3: shading.threshold: not supported in this version (got 0.001)"],
+        "threshold: -0.001",
+        ["10:3: shading.threshold: must be >= 0 (got -0.001)"],
     ),
     "lafortune": (
         "lambert: {albedo: [0.8, 0.8, 0.8]}",
@@ -455,7 +469,7 @@ def test_a_bad_value_from_set_is_blamed_on_set(scene: Path):
     with pytest.raises(InvalidInput) as error:
         load_scene(scene, ["lights.key.sphere.radius=-1"])
     assert str(error.value) == (
-        "--set lights.key.sphere.radius=-1: lights.key.sphere.radius: must be > 0 (got -1)"
+        "--set lights.key.sphere.radius=-1: lights.key.sphere.radius: must be >= 0 (got -1)"
     )
 
 

@@ -41,13 +41,15 @@ class Spy:
     def prepare(self, scene):
         pass
 
-    def shade(self, scene, gbuffer, blockers):
+    def shade(self, scene, gbuffer, blockers, layers=()):
         self.gbuffers.append(gbuffer)
         self.blockers.append(blockers)
         radiance = np.abs(gbuffer.shading_normal).astype(np.float32)
         if len(self.gbuffers) - 1 == self.break_at:
             radiance[len(radiance) // 2] = np.nan
-        return Shading(radiance, kernel_seconds=0.25, build_seconds=2.0**-20, skipped={"leaves": 2})
+        count = np.full(len(radiance), 7, np.uint32)
+        made = {name: radiance if name == "irradiance" else count for name in layers}
+        return Shading(radiance, 0.25, build_seconds=2.0**-20, skipped={"leaves": 2}, layers=made)
 
     @property
     def calls(self) -> int:
@@ -124,8 +126,7 @@ def test_layers_are_ordered_and_checked():
     assert check_layers(["depth", "object", "depth"]) == ("object", "depth")
     with pytest.raises(UsageError, match="did you mean normal"):
         check_layers(["normals"])
-    with pytest.raises(UsageError, match="not supported in this version"):
-        check_layers(["irradiance"])
+    assert check_layers(["normal", "products", "irradiance"]) == ("irradiance", "products", "normal")
 
 
 # --- what is written ----------------------------------------------------------------------------------------

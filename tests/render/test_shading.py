@@ -11,7 +11,7 @@ from coslobe.render import unshadowed
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.methods.cosine_lobes import CosineLobes
-from coslobe.render.scene import Scene
+from coslobe.render.scene import Light, Scene, SphereLight
 from coslobe.tables import lobe_cap
 
 EYE = np.array([-2.0, 1.5, 2.5])
@@ -45,7 +45,7 @@ def points(position, normal=(0, 1, 0), *, material=0, owner=0, eye=EYE) -> GBuff
     ints = np.zeros(n, np.int32)
     return GBuffer(
         position, normals, normals, view / distance[:, None], ints + owner, ints + material,
-        np.arange(n, dtype=np.int32), distance, n, 1, 1,
+        np.arange(n, dtype=np.int32), distance, ints, np.tile([1.0, 0.0, 0.0], (n, 1)), n, 1, 1,
     )  # fmt: skip
 
 
@@ -436,3 +436,75 @@ def test_statistics_of_what_was_needed(method):
     assert 0 < shaded["fully_dark"] < 1
     total = sum(shaded[name] for name in ("fully_lit", "penumbra", "fully_dark", "below_horizon"))
     assert total == pytest.approx(1)
+
+
+# --- point lights -------------------------------------------------------------------------------------------
+
+
+def point_scene(intensity=3.0, center=(0.3, 2.0, 0.4), radius=0.0, **materials):
+    of_scene = scene([(center, 1.0, 1.0)], **materials)
+    light = SphereLight(center=center, radius=radius, intensity=(intensity,) * 3)
+    return of_scene.model_copy(update={"lights": {"point": Light(sphere=light)}})
+
+
+def scattered(n, seed, material=0):
+    return points(np.random.default_rng(seed).uniform(-1, 1, (n, 3)) * [1, 0, 1], material=material)
+
+
+def test_a_point_light_falls_off_with_the_square_of_the_distance(method):
+    at = scattered(500, 0)
+    to_light = np.array([0.3, 2.0, 0.4]) - at.position
+    distance = np.linalg.norm(to_light, axis=1)
+    expected = 0.6 / np.pi * 3.0 * (to_light[:, 1] / distance) / distance**2
+    found = method.shade(point_scene(albedo=0.6), at, blockers()).radiance[:, 0]
+    np.testing.assert_allclose(found, expected, rtol=2e-6)
+
+
+def test_a_point_light_casts_hard_shadows_like_the_reference(method):
+    of_scene = point_scene(phong={"kd": 0.3, "ks": 0.4, "exponent": 200})
+    at = scattered(2000, 1, material=1)
+    blocking = blockers((0.1, 0.8, 0.2, 0.3), (0.4, 0.3, -0.2, 0.15))
+    found = method.shade(of_scene, at, blocking).radiance
+    expected = reference(of_scene, at, blocking, 2).radiance
+    dark = expected[:, 0] == 0
+    assert 0.02 < dark.mean() < 0.6
+    wrong = (found[:, 0] == 0) != dark  # rounding decides within 1e-6 of the edge
+    assert wrong.mean() < 0.002
+    np.testing.assert_allclose(found[~wrong], expected[~wrong], rtol=2e-4)
+
+
+def test_a_small_light_of_an_intensity_becomes_the_point_light(method):
+    at = scattered(300, 2, material=1)
+    of_both = [method.shade(point_scene(radius=radius), at, blockers()).radiance for radius in (0, 1e-3)]
+    np.testing.assert_allclose(*of_both, rtol=1e-4)
+
+
+def test_a_point_on_a_point_light_is_finite(method):
+    found = method.shade(point_scene(center=(0, 0, 0)), points(np.zeros((1, 3))), blockers()).radiance
+    assert np.isfinite(found).all()
+
+
+# --- threshold and layers -----------------------------------------------------------------------------------
+
+
+def test_a_threshold_drops_what_is_below_it_and_only_that(method):
+    materials = {"phong": {"kd": 0.02, "ks": 0.5, "exponent": 100}}
+    at = points(np.linspace([-2, 0, 0], [2, 0, 0], 400), material=1)
+    light, t = [((0, 2, 0), 0.4, 1.0)], 1e-3
+    exact = method.shade(scene(light, **materials), at, blockers()).radiance[:, 0]
+    found = method.shade(scene(light, **materials, threshold=t), at, blockers()).radiance[:, 0]
+    missing = exact - found
+    assert missing.max() <= 2 * t  # two terms, each below t
+    assert missing.min() >= 0
+    assert (missing > 0).any()
+    assert (found[exact > 2 * t] > 0).all()
+
+
+def test_irradiance_is_what_a_white_surface_reflects(method):
+    lights = [((0, 2, 0), 0.4, 1.0), ((1, 1, 0), 0.2, 5.0)]
+    line = np.linspace([-2, 0, 0], [2, 0, 0], 100)
+    blocking = blockers((0.2, 0.6, 0, 0.2))
+    made = method.shade(scene(lights), points(line, material=1), blocking, ("irradiance", "products")).layers
+    white = method.shade(scene(lights, albedo=1.0), points(line), blocking).radiance
+    np.testing.assert_allclose(made["irradiance"], np.pi * white, rtol=1e-5, atol=1e-9)
+    assert made["products"].max() >= 4  # two lights, two terms each

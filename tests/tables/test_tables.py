@@ -273,7 +273,7 @@ def test_check_reports_all_samplings(tables):
 def test_figures_are_written(tables, tmp_path, monkeypatch):
     monkeypatch.setattr(figures, "PRODUCTS", figures._BLOCK)
     names = [file.name for file in figures.draw(tables, tmp_path)]
-    assert [name[:8] for name in names] == [f"figure{n}" for n in ("02", "03", "04", "06", "07")]
+    assert [name[:8] for name in names] == [f"figure{n}" for n in ("02", "03", "04", "06", "07", "12")]
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
 
 

@@ -1,0 +1,263 @@
+/* The estimator of Meunier et al. 2009: lobes for the light (31), one lobe per shadow leaf (Sec. 5.3), products from the
+   table, reflectance and light first (Sec. 5.4). Twin: coslobe.render.paper. */
+
+/* What the light and one part of the reflectance give together: the lobe scale max(axis.l, 0)^exponent, with the cosine
+   to the normal or without; its integral, what shadow leaves take from it, and the colour by which both count. */
+typedef struct {
+    float3 axis, colour;
+    float exponent, scale, whole, taken;
+    int cosine, sharp;
+} term_t;
+
+/* Integral of a lobe of scale 1, with the cosine to n: int (p.v)^e (n.v) = 2 pi / (e + 2) (n.p). */
+inline float lobe_moment(float3 axis, float exponent, float3 n, int cosine)
+{
+    return cosine ? 2.0f * M_PI_F / (exponent + 2.0f) * dot(n, axis) : 2.0f * M_PI_F / (exponent + 1.0f);
+}
+
+/* The diffuse term: the light's lobe, of exponent e, with the cosine. */
+inline void diffuse_term(term_t *term, const cap_t *cap, float e, float3 n)
+{
+    term->axis = cap->a;
+    term->exponent = e;
+    term->cosine = 1;
+    term->scale = UNIT_LIGHTS ? 1.0f : 0.5f * cap->sine * cap->sine * (e + 2.0f); /* pi sin^2 (n.a) in all */
+    term->whole = term->scale * lobe_moment(cap->a, e, n, 1);
+}
+
+/* The product of the light's lobe, of exponent e, with one of the reflectance. The light's amplitude is such that their
+   exact integral is `whole`; where the horizon `cut`s the light, that is with the cosine to the lobe's own axis. */
+inline void lobe_term(term_t *term, const tables_t *tables, const cap_t *cap, float e, const bound_lobe_t *lobe, float3 n,
+                      float whole, int cut)
+{
+    const float3 a = cap->a, gap = lobe->axis - a;
+    const float alpha = 2.0f * asin(fmin(0.5f * sqrt(dot(gap, gap)), 1.0f));
+    const ProductLobe product = product_lobe(tables->products, e, lobe->exponent, alpha);
+    const float3 across = gap - dot(gap, a) * a; /* towards the lobe's axis, along the great circle through both */
+    const float length2 = dot(across, across);
+    term->axis = a;
+    if (length2 > 0.0f)
+        term->axis = cos(product.axis_angle) * a + sin(product.axis_angle) * rsqrt(length2) * across;
+    term->exponent = product.exponent;
+    term->cosine = lobe->cosine;
+    term->scale = L2_PRODUCTS ? product.scale_l2 : product.scale_energy;
+    if (!UNIT_LIGHTS) {
+        const float unit = product.scale_energy
+                         * lobe_moment(term->axis, term->exponent, cut ? term->axis : n, term->cosine);
+        term->scale *= unit > 0.0f ? whole / unit : 0.0f;
+    }
+    term->whole = term->scale * lobe_moment(term->axis, term->exponent, n, term->cosine);
+}
+
+/* The products of the light with the diffuse term and with the lobes of the reflectance. Those whose integral, for unit
+   radiance, is below the threshold are dropped with all that follows from them. The first is the diffuse one where the
+   irradiance is asked for. Without `shadow` only the integrals matter. Returns how many are left.
+
+   A lobe sharper than the light's stays as it is: the light is an image in it, with an edge that no lobe has, and soft
+   lobes of leaves cannot tell on which side of a shadow's edge it falls. Its shadow is that of the mask's cells. */
+inline int light_terms(term_t *terms, const brdf_t *brdf, const cap_t *cap, const tables_t *tables, float3 n, int cut,
+                       int shadow, float threshold)
+{
+    float amplitude;
+    const float e = cap_lobe(tables->caps, cap->depth, &amplitude);
+    int kept = 0;
+    for (int l = -1; l < brdf->n_lobes; l++) {
+        term_t *term = &terms[kept];
+        term->taken = 0.0f;
+        term->sharp = 0;
+        term->colour = l < 0 ? brdf->kd : brdf->lobes[l].colour;
+        const float size = largest(term->colour);
+        if (l < 0) {
+            diffuse_term(term, cap, e, n);
+        } else {
+            const bound_lobe_t *lobe = &brdf->lobes[l];
+            term->whole = UNIT_LIGHTS ? 0.0f : lobe_over_cap(lobe->slice, lobe->exponent, lobe->axis,
+                                                             cut ? lobe->axis : n, cap->a, cap->sine, cap->depth,
+                                                             lobe->cosine);
+            if (!UNIT_LIGHTS && lobe->exponent > e) {
+                term->sharp = 1;
+                term->axis = lobe->axis;
+                term->exponent = lobe->exponent;
+                term->cosine = lobe->cosine;
+            } else if (UNIT_LIGHTS || (shadow && size * term->whole >= threshold)) {
+                lobe_term(term, tables, cap, e, lobe, n, term->whole, cut);
+            }
+        }
+        int useful = size > 0.0f && (threshold <= 0.0f || size * term->whole >= threshold);
+        if (IRRADIANCE && l < 0) {
+            term->colour *= (float)useful;
+            useful = 1;
+        }
+        kept += useful;
+    }
+    return kept;
+}
+
+/* The lobes of the leaves of one level: their exponent, and their weight. */
+typedef struct {
+    float exponent, weight;
+} level_t;
+
+/* The leaves at 2^depth to a side over a light with tan alpha_cap = h, cap through the corners of the one at the centre;
+   the weight is linear between samples of sin^2 alpha_cap. */
+inline level_t leaf_level(const tables_t *tables, const cap_t *cap, float h, int rows, int depth)
+{
+    const float corner2 = 2.0f * h * h / (rows * rows), length = sqrt(1.0f + corner2);
+    const float position = cap->sine * cap->sine * WEIGHT_STEPS;
+    const int i = min((int)position, WEIGHT_SAMPLES - 2);
+    __global const float *w = tables->weights + i * WEIGHT_LEVELS + depth;
+    float amplitude;
+    level_t level;
+    level.exponent = cap_lobe(tables->caps, corner2 / (length * (1.0f + length)), &amplitude);
+    level.weight = mix(w[0], w[WEIGHT_LEVELS], position - i);
+    return level;
+}
+
+/* What up to RW leaves, at (x, y) in the plane of the mask, take from a term; axis and n in the mask's frame. Where
+   `near` axes are all that matters, products have a closed form instead of the table's. */
+inline float taken(const pair_t *pair, float3 axis, int cosine, float3 n, rf x, rf y, int leaves, int near)
+{
+    const rf inverse = rsqrt(x * x + y * y + 1.0f);
+    const rf lx = x * inverse, ly = y * inverse;
+    const rf dx = lx - axis.x, dy = ly - axis.y, dz = inverse - axis.z;
+    const rf q = 0.5f * (dx * dx + dy * dy + dz * dz);
+    rf along_axis, along_leaf, exponent, integral;
+    if (near) {
+        const float e1 = pair->e1, e2 = pair->e2, sum = e1 + e2;
+        along_axis = e1 / sum;
+        along_leaf = e2 / sum;
+        exponent = sum;
+        integral = lobe_rows(q, e1 * e2 / sum) * (2.0f * M_PI_F / (sum + 1.0f));
+    } else {
+        integral = products(pair, q, &along_axis, &along_leaf, &exponent);
+    }
+    rf value = integral * inverse * inverse * inverse;
+    if (cosine) {
+        const rf cosine_to_leaf = n.x * lx + n.y * ly + n.z * inverse;
+        value *= (along_axis * dot(n, axis) + along_leaf * cosine_to_leaf) * (exponent + 1.0f) / (exponent + 2.0f);
+    }
+    return row_sum(select((rf)(0.0f), value, row_numbers() < (float)leaves));
+}
+
+/* Takes the leaves of a tree from all terms; returns how many products that needed. A leaf whose product cannot reach
+   the threshold is not worth a product: closed form. */
+inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_t *cap, const tables_t *tables, float h,
+                        float3 n, float3 t, float3 u, float threshold)
+{
+    const float3 nl = (float3)(dot(n, t), dot(n, u), dot(n, cap->a));
+    uint products = 0;
+    for (int rows = ROWS, width = 1, depth = MASK_DEPTH; depth > 0; rows /= 2, width *= 2, depth--) {
+        const uint *bits = tree + tree_level(rows);
+        uint leaves = 0;
+        for (int r = 0; r < rows; r++)
+            leaves += popcount(bits[r]);
+        if (leaves == 0)
+            continue;
+        const level_t level = leaf_level(tables, cap, h, rows, depth);
+        pair_t pairs[1 + MAX_LOBES];
+        float3 axes[1 + MAX_LOBES];
+        int near[1 + MAX_LOBES];
+        for (int k = 0; k < n_terms; k++) {
+            if (terms[k].sharp)
+                continue;
+            const float3 axis = terms[k].axis;
+            axes[k] = (float3)(dot(axis, t), dot(axis, u), dot(axis, cap->a));
+            const float most = terms[k].scale * level.weight * (2.0f * M_PI_F) / (terms[k].exponent + level.exponent + 1.0f);
+            near[k] = largest(terms[k].colour) * most < threshold;
+            pairs[k].e1 = terms[k].exponent;
+            pairs[k].e2 = level.exponent;
+            if (!near[k]) {
+                find_samples(&pairs[k], tables->products);
+                products += leaves;
+            }
+        }
+        float x[RW] = {0}, y[RW] = {0}; /* lanes that wait for nothing still hold numbers */
+        int waiting = 0;
+        for (int r = 0; r < rows; r++) {
+            const float row = ((r + 0.5f) * (2.0f / rows) - 1.0f) * h;
+            for (uint left = bits[r]; left; left &= left - 1) {
+                x[waiting] = ((lowest_bit(left) + 0.5f * width) * (2.0f / ROWS) - 1.0f) * h;
+                y[waiting] = row;
+                leaves--;
+                if (++waiting < RW && leaves > 0)
+                    continue;
+                for (int k = 0; k < n_terms; k++)
+                    if (!terms[k].sharp)
+                        terms[k].taken += terms[k].scale * level.weight
+                                    * taken(&pairs[k], axes[k], terms[k].cosine, nl, RF_LOAD(x), RF_LOAD(y), waiting, near[k]);
+                waiting = 0;
+            }
+        }
+    }
+    return products;
+}
+
+/* Takes the cells of a mask from sharp terms; see light_terms. */
+inline void take_cells(term_t *terms, int n_terms, const ru *mask, __constant uint *disk, const cap_t *cap, float h,
+                       float3 n, float3 t, float3 u, int cut)
+{
+    ru lit[NR];
+    for (int k = 0; k < NR; k++)
+        lit[k] = RU_LOAD(k, disk) & ~mask[k];
+    const float3 nl = (float3)(dot(n, t), dot(n, u), dot(n, cap->a));
+    for (int k = 0; k < n_terms; k++) {
+        const term_t *term = &terms[k];
+        if (!term->sharp || largest(term->colour) * term->whole <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
+            continue;
+        const float3 axis = (float3)(dot(term->axis, t), dot(term->axis, u), dot(term->axis, cap->a));
+        const float3 cells = glossy_cells(lit, disk, h, nl, axis, term->exponent, term->cosine);
+        const float all = cut ? cells.x : cells.y;
+        terms[k].taken = term->whole * (1.0f - (all > 0.0f ? cells.z / all : 0.0f));
+    }
+}
+
+/* BRDF times cosine over the part of the light's cone that the point sees; *irradiance is the diffuse integral. */
+inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap, const blockers_t *blockers,
+                        int light, const tables_t *tables, __constant uint *disk, float threshold, stats_t *count,
+                        float *irradiance)
+{
+    const float3 n = receiver->shading, g = receiver->geometric;
+    const float over_geometric = dot(g, cap->a), over_shading = dot(n, cap->a);
+    *irradiance = 0.0f;
+    if (over_geometric <= -cap->sine || over_shading <= -cap->sine) {
+        count->below++;
+        return 0.0f;
+    }
+    const float h = cap->sine / cap->cosine;
+    float3 t, u;
+    ru mask[NR];
+    for (int k = 0; k < NR; k++)
+        mask[k] = 0;
+    int framed = 0;
+    const int cut = over_shading < cap->sine; /* the shading horizon crosses the light */
+    if (over_geometric < cap->sine || cut) {
+        frame_around(cap->a, receiver->turn, &t, &u);
+        splat_horizon(mask, h, (float3)(dot(g, t), dot(g, u), over_geometric));
+        splat_horizon(mask, h, (float3)(dot(n, t), dot(n, u), over_shading));
+        framed = 1;
+    }
+    const int state = visibility(blockers, receiver, cap, light, &t, &u, framed, mask, &count->splats);
+    uint tree[TREE_ROWS];
+    const int leaves = state == PARTIAL ? shadow_leaves(mask, disk, tree) : state == DARK;
+    count->leaves += leaves;
+    if (state == DARK || (leaves > 0 && tree[TREE_ROWS - 1])) {
+        count->dark++;
+        return 0.0f;
+    }
+    *(leaves ? &count->partial : &count->lit) += 1;
+
+    term_t terms[1 + MAX_LOBES];
+    const int n_terms = light_terms(terms, brdf, cap, tables, n, cut, leaves > 0 || cut, threshold);
+    count->products += 1 + brdf->n_lobes;
+    if (leaves)
+        count->products += take_leaves(terms, n_terms, tree, cap, tables, h, n, t, u, threshold);
+    if (leaves || cut)
+        take_cells(terms, n_terms, mask, disk, cap, h, n, t, u, cut);
+    float3 sum = 0.0f;
+    for (int k = 0; k < n_terms; k++)
+        sum += terms[k].colour * fmax(terms[k].whole - terms[k].taken, 0.0f);
+#if IRRADIANCE
+    *irradiance = fmax(terms[0].whole - terms[0].taken, 0.0f);
+#endif
+    return sum;
+}
