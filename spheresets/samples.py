@@ -16,7 +16,11 @@ Array = NDArray[np.float64]
 BATCH = 64 * CHUNK
 NEAR_BATCHES = (8, 7)  # surface points with the smaller and the larger noise
 BOX_BATCHES = 5
-MARGIN = 0.035  # of the box for uniform points
+WIDEST = 0.03  # noise, in square roots of the surface: a large box can hold little but rods or specks
+THIN = 9.0  # in the smaller noise: where a part or a gap is thinner, that noise shrinks with it
+LEAST_NOISE = 0.01  # share of it that stays where surfaces coincide
+LOOKED_AT = 200  # points inside a connected part, for a ball inside it
+MARGIN, LEAST_SIDE = 0.035, 0.3  # of the box for uniform points: spheres bulge far out of flat solids
 JUDGED = 0.35  # share of the points over which exchanges are judged
 
 
@@ -35,12 +39,18 @@ class PointSamples:
         Some of the points inside.
     depth : float64 [n]
         Their distance to the surface.
+    parts : float64 [k, 4]
+        A ball inside each connected part, the largest surface first; none where all is one part.
+    area : float
+        Of the surface.
     """
 
     batches: NDArray[np.float32]
     judged: NDArray[np.float32]
     interior: Array
     depth: Array
+    parts: Array
+    area: float
 
     @cached_property
     def tree(self) -> Any:
@@ -62,19 +72,27 @@ def draw_points(
 ) -> PointSamples:
     """`scale` times 20 batches: 15 of surface points displaced by normal noise, 5 uniform in the box.
 
-    Surface points count alike, so the loss weighs the mesh by area, which is what silhouettes want. The two
-    widths of `noise` place some close to the surface and some where they can call a sphere from afar.
+    Surface points count alike, so the loss weighs the mesh by area, which is what silhouettes want; only very
+    small connected parts get more than that. The two widths of `noise` place some points close to the
+    surface, closer where a part is thin, and some where they can call a sphere from afar.
 
     Raises
     ------
     InvalidInput
         The mesh encloses no volume.
     """
-    near = []
+    area = float(solid.areas.sum())
+    near, parts = [], []
     for batches, width in zip(NEAR_BATCHES, noise, strict=True):
-        surface = solid.sample_surface(batches * scale * BATCH, rng)
-        near.append(surface + rng.normal(0, width, surface.shape))
-    box = rng.uniform(solid.lower - MARGIN, solid.upper + MARGIN, (BOX_BATCHES * scale * BATCH, 3))
+        surface, face = solid.sample_parts(batches * scale * BATCH, rng)
+        offset = rng.normal(0, min(width, WIDEST * np.sqrt(area)), surface.shape)
+        if width == noise[0]:
+            thin = solid.clearance(surface, face) / (THIN * width)
+            offset *= np.clip(thin, LEAST_NOISE, 1)[:, None]
+        near.append(surface + offset)
+        parts.append(solid.parts[face])
+    margin = np.maximum(MARGIN, (LEAST_SIDE - (solid.upper - solid.lower)) / 2)
+    box = rng.uniform(solid.lower - margin, solid.upper + margin, (BOX_BATCHES * scale * BATCH, 3))
     points = np.concatenate([*near, box])
     inside = solid.inside(points)
     if not solid.encloses(points[inside]):
@@ -89,9 +107,30 @@ def draw_points(
     batches = np.ascontiguousarray(rows[rng.permuted(curve, axis=1).T].transpose(0, 2, 1))
     judged = np.concatenate(batches[: round(JUDGED * len(batches))], axis=1)
 
+    part = np.concatenate(parts)
+    there = inside[: len(part)]
+    balls = _balls(solid, points[: len(part)][there], part[there])
+
     chosen = np.flatnonzero(inside)
     chosen = np.sort(rng.choice(chosen, min(interior, len(chosen)), replace=False))
-    return PointSamples(batches, judged, points[chosen], solid.distance(points[chosen]))
+    return PointSamples(batches, judged, points[chosen], solid.distance(points[chosen]), balls, area)
+
+
+def _balls(solid: Solid, points: Array, part: NDArray[np.int32]) -> Array:
+    """For each connected part the largest ball around some of the points [n, 3] inside it, [k, 4]."""
+    area = np.bincount(solid.parts, solid.areas)
+    if np.count_nonzero(area) == 1:
+        return np.empty((0, 4))
+    order = np.lexsort((part, -area[part]))
+    first = np.flatnonzero(np.diff(part[order], prepend=-1))
+    rank = np.arange(len(part)) - np.repeat(first, np.diff(first, append=len(part)))
+    some = order[rank < LOOKED_AT]
+    depth = solid.distance(points[some])
+    first = np.flatnonzero(np.diff(part[some], prepend=-1))
+    group = np.repeat(np.arange(len(first)), np.diff(first, append=len(some)))
+    last = np.append(first[1:], len(some)) - 1
+    deepest = np.lexsort((depth, group))[last]
+    return np.column_stack([points[some[deepest]], depth[deepest]])
 
 
 def _morton(points: Array) -> NDArray[np.int64]:

@@ -14,9 +14,12 @@ from coslobe.spheresets.soft_union import SoftUnion
 
 Array = NDArray[np.float64]
 
-# In units of the box's diagonal, for 64 spheres: first and last value of a geometric schedule.
+# In units of the box's diagonal, for spheres of the TYPICAL radius: ends of geometric schedules.
 SOFTNESS, RATE = (0.0125, 0.0019), (0.004, 0.0004)
 POLISH_SOFTNESS, POLISH_RATE = (0.004, 0.0015), (0.002, 0.0002)
+TYPICAL = 0.0229  # median radius with which 64 spheres start in the bunny, to which the schedules are tuned
+COVERING = 0.5  # of the radius with which discs would cover the surface: spheres are not expected smaller
+SMALLEST_SCALE, LARGEST_SCALE = 0.005, 1.5
 LINE_WEIGHT = 5.0  # of the silhouettes' loss in the polish; the points' counts once
 
 PRUNINGS, PRUNED_AT = 6, 0.6  # rounds in which spare spheres go, and the share of steps when all are gone
@@ -56,7 +59,9 @@ class Search:
         self._samples = samples
         self._count = count
         self._rng = rng
-        self._scale = float(np.clip((64 / count) ** (1 / 3), 0.2, 1.5))
+        covering = np.sqrt(samples.points.area / (2 * np.pi * count))
+        radius = max(np.median(spheres[:count, 3]), COVERING * covering)
+        self._scale = float(np.clip(radius / TYPICAL, SMALLEST_SCALE, LARGEST_SCALE))
         self._state = State.start(spheres)
         self._on_points = Descent(device, (samples.union, 1.0))
         self._on_both = Descent(device, (samples.union, 1.0), (samples.lines, LINE_WEIGHT))
@@ -87,6 +92,8 @@ class Search:
                 self._prune(prunings[stop], taus[stop])
             if stop in exchanges:
                 self._exchange(taus[stop])
+            if stop == max(exchanges):
+                self._reach(taus[stop])
 
     def polish(self, steps: int, advance: Advance) -> None:
         """Descend on points and silhouettes, nearly hard: points alone do not know what is seen."""
@@ -122,10 +129,10 @@ class Search:
         for out in np.argsort(cost, kind="stable"):
             if len(removed) >= max(1, MOST_EXCHANGED * len(spheres)):
                 break
-            if _touches(spheres[out], changed):
+            if _touching(spheres[out], changed).any():
                 continue
             changed = np.vstack([changed, spheres[out]])
-            new = next((k for k in entering if not _touches(candidates[k], changed)), None)
+            new = next((k for k in entering if not _touching(candidates[k], changed).any()), None)
             if new is None or gain[new] <= cost[out]:
                 break
             changed = np.vstack([changed, candidates[new]])
@@ -133,6 +140,23 @@ class Search:
             added.append(new)
         if removed:
             self._state.replace(np.array(removed), candidates[added])
+
+    def _reach(self, tau: float) -> None:
+        """Give every connected part a sphere, where there are enough: those that cost least go there."""
+        parts = self._samples.points.parts
+        if not 0 < len(parts) <= self._count:
+            return
+        reached = np.stack([_touching(part, self.spheres) for part in parts])
+        missed = np.flatnonzero(~reached.any(1))
+        if not len(missed):
+            return
+        odds = self._samples.union.odds(self._state.spheres, tau)
+        cost = self._samples.union.exchange(odds, self._state.spheres, tau, removing=True)
+        for part in missed:
+            only = reached[reached.sum(1) == 1].any(0)  # the only ones in some part stay
+            out = int(np.argmin(np.where(only, np.inf, cost)))
+            self._state.replace(np.array([out]), parts[[part]])
+            reached[:, out] = _touching(parts[part], parts)
 
     def _candidates(self, spheres: Array) -> Array:
         """Largest balls inside the solid: half around uncovered points, half those that hold most of them.
@@ -156,6 +180,6 @@ def _at(shares: Array, steps: int) -> list[int]:
     return [int(share * steps) for share in shares]
 
 
-def _touches(sphere: Array, others: Array) -> bool:
-    gap = np.linalg.norm(others[:, :3] - sphere[:3], axis=1) - others[:, 3] - sphere[3]
-    return bool((gap <= 0).any())
+def _touching(sphere: Array, others: Array) -> NDArray[np.bool_]:
+    """Which of the others [n, 4] the sphere [4] touches."""
+    return np.linalg.norm(others[:, :3] - sphere[:3], axis=1) <= others[:, 3] + sphere[3]

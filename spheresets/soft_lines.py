@@ -56,7 +56,7 @@ class SoftLines:
 
 
 def line_odds(origins: Array, directions: Array, spheres: Array, tau: float) -> Array:
-    """e_i [m, n] of lines [m, 3] and spheres [n, 4]; 0 beyond CUTOFF tau."""
+    """e_i [m, n] of lines [m, 3] and spheres [n, 4]; 0 beyond the cutoff."""
     q = _perpendicular(origins, directions, spheres)
     return odds(np.linalg.norm(q, axis=2), spheres[:, 3], tau)
 

@@ -3,8 +3,10 @@
 The functions of this module are the float64 twins of the kernels in `kernels/soft_union.cl`: what the kernels
 compute, without culling by chunks. `SoftUnion` runs the kernels. Lengths are in unit coordinates.
 
-Occupancy odds of a point p: S = BACKGROUND + sum_i e_i, e_i = exp((r_i - |p - c_i|) / tau), so that log S is
-the log-sum-exp soft union. Loss: binary cross-entropy of S / (1 + S) with "p is inside the solid".
+Occupancy odds of a point p: S = B + sum_i e_i, e_i = exp((r_i - |p - c_i|) / tau), so that log S is the
+log-sum-exp soft union. Loss: binary cross-entropy of S / (1 + S) with "p is inside the solid".
+B = exp(-cutoff) keeps it finite where nothing covers p. Exchanges look farther than descent: to them it matters
+how far away a part was left behind, while descent must not draw spheres out of the solid towards it.
 """
 
 from collections.abc import Iterator
@@ -16,9 +18,9 @@ from numpy.typing import NDArray
 from coslobe.core.device import Device
 from coslobe.spheresets.descent import Target
 from coslobe.spheresets.programs import kernels
-from coslobe.spheresets.soft import CUTOFF, defines, odds
+from coslobe.spheresets.soft import cutoff, defines, odds
 
-BACKGROUND = float(np.exp(-CUTOFF))  # keeps the loss finite where nothing covers a point
+REACH = 0.1  # how far beyond its surface a sphere counts in exchanges, as far as FARTHEST allows
 CHUNK = 128  # points per work-item
 SCRATCH_ENTRIES = 1 << 23  # of 4 bytes, per scratch buffer
 
@@ -46,9 +48,10 @@ class SoftUnion:
         self._judged = device.upload(judged)
         self._n_judged = judged.shape[1]
         self.rows = self._batch_size // CHUNK
-        constants = {**defines(device), "CHUNK": CHUNK, "BACKGROUND": BACKGROUND}
-        units, names = ("soft.cl", "soft_union.cl"), ("gradient", "total_odds", "exchange")
-        self._kernels = kernels(device, units, names, constants)
+        units = ("soft.cl", "soft_union.cl")
+        near, far = ({**defines(device, reach), "CHUNK": CHUNK} for reach in (0.0, REACH))
+        self._kernels = kernels(device, units, ("gradient",), near)
+        self._kernels |= kernels(device, units, ("total_odds", "exchange"), far)
 
     def gradient(
         self, step: int, spheres: Any, n: int, tau: float, weight: float, target: Target, row: int
@@ -99,10 +102,15 @@ class SoftUnion:
         return ((first, min(rows, chunks - first)) for first in range(0, chunks, rows))
 
 
-def sphere_odds(points: Array, spheres: Array, tau: float) -> Array:
-    """e_i [m, n] of points [m, 3] and spheres [n, 4]; 0 beyond CUTOFF tau."""
+def sphere_odds(points: Array, spheres: Array, tau: float, reach: float = 0.0) -> Array:
+    """e_i [m, n] of points [m, 3] and spheres [n, 4]; 0 beyond the cutoff."""
     d = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2)
-    return odds(d, spheres[:, 3], tau)
+    return odds(d, spheres[:, 3], tau, reach)
+
+
+def background(tau: float, reach: float = 0.0) -> float:
+    """B: the odds where no sphere is near."""
+    return float(np.exp(-cutoff(tau, reach)))
 
 
 def cross_entropy(S: Array, inside: Array) -> Array:
@@ -113,7 +121,7 @@ def cross_entropy(S: Array, inside: Array) -> Array:
 def loss_and_gradient(points: Array, inside: Array, spheres: Array, tau: float) -> tuple[Array, Array]:
     """Loss [m] per point and gradient [n, 4] of its mean with respect to centers and radii."""
     e = sphere_odds(points, spheres, tau)
-    S = BACKGROUND + e.sum(1)
+    S = background(tau) + e.sum(1)
     slope = 1 / (1 + S) - inside / S
     offset = points[:, None] - spheres[:, :3]
     unit = offset / np.maximum(np.linalg.norm(offset, axis=2, keepdims=True), 1e-10)
@@ -124,8 +132,8 @@ def loss_and_gradient(points: Array, inside: Array, spheres: Array, tau: float) 
 
 def total_odds(points: Array, spheres: Array, tau: float) -> tuple[Array, Array]:
     """S [m], and S without its largest term."""
-    e = sphere_odds(points, spheres, tau)
-    total = BACKGROUND + e.sum(1)
+    e = sphere_odds(points, spheres, tau, REACH)
+    total = background(tau, REACH) + e.sum(1)
     return total, total - e.max(1)
 
 
@@ -134,7 +142,7 @@ def exchange(
 ) -> Array:
     """Change of the summed loss as each of `spheres` is taken out of the union of `others` or put into it."""
     total, _ = total_odds(points, others, tau)
-    e = sphere_odds(points, spheres, tau)
-    after = np.maximum(total[:, None] - e, BACKGROUND) if removing else total[:, None] + e
+    e = sphere_odds(points, spheres, tau, REACH)
+    after = np.maximum(total[:, None] - e, background(tau, REACH)) if removing else total[:, None] + e
     change = cross_entropy(after, inside[:, None]) - cross_entropy(total, inside)[:, None]
     return np.where(e > 0, change, 0).sum(0)

@@ -17,8 +17,11 @@ float sum_lanes(vf v) {
     return sum;
 }
 
+// In tau: how far from a sphere it still counts.
+float cutoff(float tau) { return clamp(REACH / tau, CUTOFF, FARTHEST); }
+
 // Distance beyond which a sphere does not count.
-float reach(float4 sphere, float tau) { return fmax(sphere.w + CUTOFF * tau, 0.0f); }
+float reach(float4 sphere, float tau) { return fmax(sphere.w + cutoff(tau) * tau, 0.0f); }
 
 // e_i of one vector of offsets from the center, 0 beyond the sphere's reach; *touched says whether any lane is within.
 // Depths beyond DEEPEST tau count as DEEPEST, which keeps the odds within float32.

@@ -1,7 +1,7 @@
 // The soft union of spheres and its binary cross-entropy against a solid: loss, gradient, and what the loss
 // becomes with one sphere less or one more. Follows soft.cl.
 //
-// The occupancy odds of a point p are S = BACKGROUND + sum over i of e_i, e_i = exp((r_i - |p - c_i|) / tau):
+// The occupancy odds of a point p are S = B + sum over i of e_i, e_i = exp((r_i - |p - c_i|) / tau):
 // log S is the log-sum-exp soft union, S / (1 + S) the probability of being inside.
 //
 // One work-item owns one chunk of points that lie close together, keeps the spheres near the chunk's box,
@@ -53,12 +53,13 @@ __kernel void gradient(__global const float *points, int n_points, __global cons
     partial += row * n_spheres;
     const int n_near = collect(c, spheres, n_spheres, tau, near);
 
+    const float background = exp(-cutoff(tau));
     vf slope[VECTORS]; // weighted d loss / d S
     vf loss = 0.0f;
     bool touched;
     for (int v = 0; v < VECTORS; v++) {
         const vf x = load(v, c.x), y = load(v, c.y), z = load(v, c.z), inside = load(v, c.inside);
-        vf S = BACKGROUND;
+        vf S = background;
         for (int k = 0; k < n_near; k++) {
             const float4 sphere = spheres[near[k]];
             S += odds(x - sphere.x, y - sphere.y, z - sphere.z, sphere, tau, &touched);
@@ -97,10 +98,11 @@ __kernel void total_odds(__global const float *points, int n_points, int first,
     const Chunk c = chunk_of(points, n_points, chunk);
     near += item * n_spheres;
     const int n_near = collect(c, spheres, n_spheres, tau, near);
+    const float background = exp(-cutoff(tau));
     bool touched;
     for (int v = 0; v < VECTORS; v++) {
         const vf x = load(v, c.x), y = load(v, c.y), z = load(v, c.z);
-        vf largest = 0.0f, others = BACKGROUND;
+        vf largest = 0.0f, others = background;
         for (int k = 0; k < n_near; k++) {
             const float4 sphere = spheres[near[k]];
             const vf e = odds(x - sphere.x, y - sphere.y, z - sphere.z, sphere, tau, &touched);

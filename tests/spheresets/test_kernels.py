@@ -6,7 +6,7 @@ import pytest
 from coslobe.spheresets import descent, soft_lines, soft_union, union
 from coslobe.spheresets.descent import Descent, State
 from coslobe.spheresets.directions import fibonacci_sphere
-from coslobe.spheresets.soft import CUTOFF
+from coslobe.spheresets.soft import CUTOFF, cutoff
 from coslobe.spheresets.soft_lines import BUNDLE, BUNDLES, SoftLines
 from coslobe.spheresets.soft_union import SoftUnion
 from coslobe.spheresets.union import Union
@@ -22,7 +22,8 @@ def spheres_and_points(count: int, seed: int = 0):
     spheres = spheres.astype(np.float32).astype(np.float64)
     points = rng.normal(0, 0.2, (4096, 3)).astype(np.float32).astype(np.float64)
     z = (spheres[:, 3] - np.linalg.norm(points[:, None] - spheres[:, :3], axis=2)) / TAU
-    points = points[(np.abs(z + CUTOFF) > EDGE).all(1)][:1024]
+    edges = [cutoff(TAU, reach) for reach in (0.0, soft_union.REACH)]
+    points = points[np.all([(np.abs(z + edge) > EDGE).all(1) for edge in edges], axis=0)][:1024]
     return spheres, points, (np.linalg.norm(points, axis=1) < 0.25).astype(float)
 
 
