@@ -51,7 +51,7 @@ def _gaps(balls: Array, surface: Array, chosen: Indices) -> tuple[Array, Indices
 
     near = balls[nearest_by_power(balls)(surface, 1)[:, 0]]
     gap = np.linalg.norm(surface - near[:, :3], axis=1) - near[:, 3]
-    cell = KDTree(surface[chosen]).query(surface)[1]
+    cell = np.asarray(KDTree(surface[chosen]).query(surface)[1])
     farthest = np.argsort(-gap, kind="stable")
     farthest = farthest[np.unique(cell[farthest], return_index=True)[1]]
     return gap[farthest], farthest

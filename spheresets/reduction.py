@@ -202,7 +202,8 @@ def _neighbours(spheres: Array) -> Indices:
     from scipy.spatial import KDTree
 
     centers = spheres[:, :3]
-    near = KDTree(centers).query(centers, k=min(NEIGHBOURS + 1, len(spheres)))[1]
-    own = np.repeat(np.arange(len(near)), near.shape[1])
+    k = min(NEIGHBOURS + 1, len(spheres))
+    near = np.reshape(KDTree(centers).query(centers, k=k)[1], (-1, k))
+    own = np.repeat(np.arange(len(near)), k)
     pairs = np.sort(np.column_stack([own, near.reshape(-1)]), axis=1)
     return np.unique(pairs[pairs[:, 0] < pairs[:, 1]], axis=0)
