@@ -5,6 +5,9 @@ do. The spheres minimise the cross-entropy of their soft union against the solid
 the surface, while the union's softness is annealed. Between the steps of descent, spheres that contribute
 least move to where the loss would fall most: both are judged exactly. At last one offset on all radii makes
 the mean projected area equal to the solid's.
+
+Mode inner then moves the centers to where the largest balls inside the solid fill most of it (`inner`); mode
+outer grows radii until the surface is covered (`cover`).
 """
 
 from dataclasses import dataclass
@@ -14,7 +17,9 @@ from numpy.typing import NDArray
 
 from coslobe.core.device import Device
 from coslobe.core.progress import SILENT, Progress
+from coslobe.spheresets.cover import cover
 from coslobe.spheresets.descent import SMALLEST
+from coslobe.spheresets.inner import inner
 from coslobe.spheresets.line_samples import draw_bundles, draw_lines
 from coslobe.spheresets.samples import draw_points
 from coslobe.spheresets.search import Samples, Search
@@ -57,13 +62,14 @@ class Balanced:
     ----------
     solid : Solid
     settings : FitSettings
-        Their quality is a key of EFFORTS.
+        Their quality is a key of EFFORTS; their mode says what becomes of the fit.
     device : Device
     """
 
     def __init__(self, solid: Solid, settings: FitSettings, device: Device) -> None:
         self._solid = solid
         self._effort = EFFORTS[settings.quality]
+        self._mode = settings.mode
         self._seed = settings.seed
         self._device = device
         self._lines = draw_lines(solid, np.random.default_rng([settings.seed, 0]))
@@ -88,7 +94,9 @@ class Balanced:
                 spheres, mistaken = self._unbiased(search.spheres)
                 if mistaken < least:
                     best, least = spheres, mistaken
-        return best
+        if self._mode == "inner":
+            return inner(self._solid, samples.points, best)
+        return cover(self._solid, best) if self._mode == "outer" else best
 
     def samples(self, count: int) -> Samples:
         """What fits of `count` spheres learn from; drawn on first use, shared by counts of like size."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.spheresets.directions import fibonacci_sphere
+from coslobe.spheresets.power import nearest_by_power
 from coslobe.spheresets.solid import Solid
 
 Array = NDArray[np.float64]
@@ -20,7 +21,7 @@ BLOCK = 1 << 17  # triangles at a time
 CANDIDATES = 12  # spheres that may hold or take a piece: those nearest by power distance
 SAMPLES, ROUNDS = 50_000, 8  # points of the surface that are covered first, until
 FEW = 100  # or fewer of them are not: then little else is left
-PIECE = 0.1  # longest edge of pieces with an uncovered corner, in median radii
+PIECE = 0.1  # longest edge of pieces with an uncovered corner, in radii of the largest candidate
 SEAM = PIECE / 32  # the same for pieces whose corners are in several spheres
 SHELL_POINTS = 64  # on each sphere, for the share of its growth that is outside
 LEAST_SHARE = 0.05  # of a growth that counts as outside: growth inside the solid is not quite free
@@ -61,8 +62,7 @@ def _uncovered(pieces: Array, spheres: Array) -> tuple[Indices, Array]:
 
     Returns the spheres that may take each, [m, k], and the radii they would then need.
     """
-    nearest = _nearest(spheres)
-    size = float(np.median(spheres[:, 3]))
+    nearest = nearest_by_power(spheres)
     candidates, needed = [], []
     while len(pieces):
         near = nearest(pieces.mean(1), 2)  # holds most of them
@@ -72,29 +72,11 @@ def _uncovered(pieces: Array, spheres: Array) -> tuple[Indices, Array]:
         left = ~within.all(0).any(1)
         pieces, near, seam = pieces[left], near[left], within[:, left].any(2).all(0)
         edges = np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2)
-        small = edges.max(1) <= size * np.where(seam, SEAM, PIECE)
+        small = edges.max(1) <= spheres[near, 3].max(1) * np.where(seam, SEAM, PIECE)
         candidates.append(near[small])
         needed.append(_distances(pieces[small], spheres[near[small]]).max(0))
         pieces = _halved(pieces[~small], edges[~small])
     return np.concatenate(candidates), np.concatenate(needed)
-
-
-def _nearest(spheres: Array) -> Callable[[Array, int], Indices]:
-    """Makes a function that names the k spheres nearest to points [n, 3] by power distance |p - c|^2 - r^2.
-
-    Lifting each center to (c, sqrt(max r^2 - r^2)) turns that into an ordinary distance.
-    """
-    from scipy.spatial import KDTree
-
-    r2 = spheres[:, 3] ** 2
-    tree = KDTree(np.column_stack([spheres[:, :3], np.sqrt(r2.max() - r2)]))
-
-    def nearest(points: Array, k: int) -> Indices:
-        k = min(k, len(spheres))
-        found = tree.query(np.column_stack([points, np.zeros(len(points))]), k=k)[1]
-        return np.reshape(found, (len(points), k))
-
-    return nearest
 
 
 def _distances(pieces: Array, spheres: Array) -> Array:
@@ -115,26 +97,35 @@ def _halved(pieces: Array, edges: Array) -> Array:
 
 
 def _grown(spheres: Array, shares: Array, demands: list[tuple[Indices, Array]]) -> Array:
-    """The spheres [n, 4] grown until one of each piece's candidates [m, k] has the radius it needs [m, k]."""
     candidates, needed = (np.concatenate(part) for part in zip(*demands, strict=True))
-    if not len(needed):
-        return spheres
-    radii = spheres[:, 3].copy()
-
-    def costs(who: Indices, needed: Array) -> Array:
-        return shares[who] * np.maximum(needed**3 - radii[who] ** 3, 0)
-
-    entries = np.argsort(candidates, axis=None, kind="stable")  # pieces and radii, sphere by sphere
-    bounds = np.searchsorted(candidates.reshape(-1)[entries], np.arange(len(radii) + 1))
-    rows, wanted = entries // candidates.shape[1], needed.reshape(-1)[entries]
-    cost = costs(candidates, needed).min(1)  # of each piece, by its cheapest candidate
-    while cost[hardest := int(cost.argmax())] > 0:
-        best = int(costs(candidates[hardest], needed[hardest]).argmin())
-        sphere = candidates[hardest, best]
-        radii[sphere] = needed[hardest, best]
-        own = slice(*bounds[sphere : sphere + 2])
-        cost[rows[own]] = np.minimum(cost[rows[own]], costs(np.full(1, sphere), wanted[own]))
+    radii = grow(spheres[:, 3], candidates, needed, lambda who, radius: shares[who] * radius**3)
     return np.column_stack([spheres[:, :3], radii])
+
+
+def grow(
+    radii: Array, candidates: Indices, needed: Array, volume: Callable[[Indices, Array], Array]
+) -> Array:
+    """Radii [n] grown until one of each piece's `candidates` [m, k] has the radius that it `needed` [m, k].
+
+    Greedy, hardest first: the piece whose cheapest candidate costs most is taken first, by that candidate,
+    which then holds others for free. `volume(sphere, radius)` is what counts: its increase is the cost.
+    """
+    radii = radii.copy()
+    if not len(needed):
+        return radii
+    paid = volume(np.arange(len(radii)), radii)
+    volumes = volume(candidates, needed)
+    cost = np.maximum(volumes - paid[candidates], 0).min(1)  # of each piece, by its cheapest candidate
+    entries = np.argsort(candidates, axis=None, kind="stable")  # sphere by sphere
+    bounds = np.searchsorted(candidates.reshape(-1)[entries], np.arange(len(radii) + 1))
+    rows, sorted_volumes = entries // candidates.shape[1], volumes.reshape(-1)[entries]
+    while cost[hardest := int(cost.argmax())] > 0:
+        best = int((volumes[hardest] - paid[candidates[hardest]]).argmin())
+        sphere = candidates[hardest, best]
+        radii[sphere], paid[sphere] = needed[hardest, best], volumes[hardest, best]
+        own = slice(*bounds[sphere : sphere + 2])
+        cost[rows[own]] = np.minimum(cost[rows[own]], np.maximum(sorted_volumes[own] - paid[sphere], 0))
+    return radii
 
 
 def _outside_shares(solid: Solid, spheres: Array) -> Array:

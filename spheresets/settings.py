@@ -6,7 +6,8 @@ from coslobe.core.errors import UsageError
 
 # Where spheres may reach, by method; the first is what the method was made for.
 MODES = {
-    "balanced": ("balanced",),
+    "balanced": ("balanced", "inner", "outer"),
+    "variational": ("outer",),
     "medial": ("outer", "inner"),
 }
 QUALITIES = ("fast", "best")
