@@ -1,4 +1,4 @@
-"""Errors of the accurate estimator on the demo's scene, written to docs/accuracy.md.
+"""Errors on the demo's scene and on those of the paper's figures, written to docs/accuracy.md.
 
 Against references with the same spheres (what the masks and integrals cost) and with the true mesh (what the
 spheres cost), for matt and glossy surfaces. Minutes on two cores; run it as `python benchmarks/accuracy.py`.
@@ -7,6 +7,7 @@ spheres cost), for matt and glossy surfaces. Minutes on two cores; run it as `py
 import datetime
 from pathlib import Path
 
+import figures
 import numpy as np
 
 from coslobe import configs
@@ -154,6 +155,7 @@ def main() -> None:
         "|---|---|",
         *mitsuba(device, assets),
         "",
+        *figures.sections(device),
     ]
     TARGET.write_text("\n".join(lines))
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from coslobe.render.fields import Part, Texture, Whole
+from coslobe.render.fields import Part, Whole
 from coslobe.render.problems import Problem, problems_of
 from coslobe.render.scenepaths import UnknownPath, follow
 from coslobe.render.yamlfile import KeyPath
@@ -167,14 +167,13 @@ def _key_values(kind: Any, animation: Animation, place: KeyPath) -> tuple[dict[i
     values: dict[int, Any] = {}
     problems: list[Problem] = []
     for frame, value in animation.keys.items():
+        if any(isinstance(part, dict) for part in (value if isinstance(value, list) else [value])):
+            message = "must be a number; of a texture, scale and offset can be animated"
+            problems.append(Problem((*place, frame), message, value))
+            continue
         try:
             values[frame] = adapter.validate_python(value)
         except ValidationError as error:
             for problem in problems_of(error, None, value):
                 problems.append(Problem((*place, frame), problem.message, value))
-            continue
-        parts = values[frame] if isinstance(values[frame], tuple) else (values[frame],)
-        if any(isinstance(part, Texture) for part in parts):
-            message = "must be a number; of a texture, scale and offset can be animated"
-            problems.append(Problem((*place, frame), message, value))
     return values, problems

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # lobe-over-cap table. Slices scaled to a lobe's width differ where lobes are broad: by 0.36 % of the highest
 # value for 1 % of the exponent below 10, and less and less beyond. Spaced by this step in `_spread`, the
 # nearest is off by at most 0.1 %.
-SLICE_STEP = 0.0045
+SLICE_STEP = 0.0035
 BROAD = 30.0
 
 

@@ -92,9 +92,11 @@ inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const ca
         /* A lobe that hardly reaches the light is not worth its cells. */
         if (largest(lobe->colour) * lobes[l] <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
             continue;
-        const float3 m = lobe->axis;
-        const float3 ml = (float3)(dot(m, t), dot(m, u), dot(m, cap->a));
-        const float3 cells = glossy_cells(lit, disk, h, nl, ml, lobe->exponent, lobe->cosine);
+        float3 cells = -1.0f;
+        if (WINDOW * WINDOW < NARROW * NARROW * h * h * (lobe->exponent + 1.0f))
+            cells = window_cells(lobe, receiver, cap, blockers, light, disk, &count->splats);
+        if (cells.x < 0.0f)
+            cells = glossy_cells(lit, disk, h, nl, in_frame(lobe->axis, t, u, cap->a), lobe->exponent, lobe->cosine);
         const float whole = cut ? cells.x : cells.y;
         lobes[l] = whole > 0.0f ? lobes[l] * cells.z / whole : 0.0f;
         count->products++;

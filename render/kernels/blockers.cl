@@ -1,10 +1,11 @@
 /* What stands between a point and a light: the light as a cap, the spheres before it as bits of a mask. */
 
-/* A light as a point sees it: unit axis a, distance d of the centre, sine and cosine of the cap's half-angle,
-   depth = 1 - cosine, tangent = length of the tangent, tau = its square, near = distance of its nearest point. */
+/* A light as a point sees it: unit axis a, sine and cosine of the cap's half-angle, depth = 1 - cosine. Of the light's
+   sphere: centre from the point, its distance d, the squared radius, tangent = length of the tangent, tau = its square,
+   near = distance of its nearest point. */
 typedef struct {
-    float3 a;
-    float d, sine, cosine, depth, tangent, tau, near;
+    float3 a, centre;
+    float sine, cosine, depth, d, radius2, tangent, tau, near;
 } cap_t;
 
 typedef struct {
@@ -128,8 +129,8 @@ inline int visibility(const blockers_t *blockers, const receiver_t *receiver, co
                         for (int k = 0; k < NR; k++)
                             touched[k] = 0;
                         splat_sphere(touched, h, fx[l], fy[l], fz[l], ft[l], fr[l]);
-                        splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], fr[l], cap->d,
-                                         cap->sine * cap->sine * cap->d * cap->d);
+                        splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], fr[l], in_frame(cap->centre, *t, *u, a),
+                                         cap->radius2);
                     }
                 }
             }

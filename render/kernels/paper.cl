@@ -129,7 +129,7 @@ inline float taken(const pair_t *pair, float3 axis, int cosine, float3 n, rf x, 
         exponent = sum;
         integral = lobe_rows(q, e1 * e2 / sum) * (2.0f * M_PI_F / (sum + 1.0f));
     } else {
-        integral = products(pair, q, &along_axis, &along_leaf, &exponent);
+        integral = products(pair, q, leaves, &along_axis, &along_leaf, &exponent);
     }
     rf value = integral * inverse * inverse * inverse;
     if (cosine) {

@@ -50,16 +50,16 @@ inline void peak_rows(float e1, float e2, rf c, rf s2, rf *t, rf *u)
     *u = select(2.0f * e1 / sum, scaled / (2.0f * e2), c < 0.0f);
 }
 
-/* Integrals of the products with lobes whose axes have q = |a1 - a2|^2 / 2. The product's axis is *along1 a1 +
+/* Integrals of the products with the first `count` lobes, whose axes have q = |a1 - a2|^2 / 2. The product's axis is *along1 a1 +
    *along2 a2, its exponent *exponent. Both exponents are above 0. */
-inline rf products(const pair_t *pair, rf q, rf *along1, rf *along2, rf *exponent)
+inline rf products(const pair_t *pair, rf q, int count, rf *along1, rf *along2, rf *exponent)
 {
     const float e1 = pair->e1, e2 = pair->e2, last = pair->last;
     const rf c = 1.0f - q, s2 = q * (2.0f - q);
     const rf alpha = angle_rows(q);
-    float angles[RW], shapes[RW], scales[RW];
+    float angles[RW], shapes[RW] = {0}, scales[RW] = {0};
     RF_STORE(clamp((last - alpha) / last, 0.0f, 1.0f) * (PRODUCT_ANGLES - 1), angles);
-    for (int lane = 0; lane < RW; lane++) {
+    for (int lane = 0; lane < count; lane++) {
         const int angle = min((int)angles[lane], PRODUCT_ANGLES - 2);
         const int offset = 3 * (PRODUCT_ANGLES - 2 - angle);
         const float f = angles[lane] - angle;

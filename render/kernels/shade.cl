@@ -45,7 +45,9 @@ __kernel void shade(__global const point_t *points, const int n_points, __global
         const float3 colour = (float3)(light.radiance[0], light.radiance[1], light.radiance[2]);
         const float d2 = dot(to_light, to_light), r = light.radius;
         cap_t cap;
+        cap.centre = to_light;
         cap.d = sqrt(d2);
+        cap.radius2 = r * r;
         cap.near = cap.d - r;
         cap.tau = fmax(cap.near * (cap.d + r), 0.0f);
         cap.tangent = sqrt(cap.tau);

@@ -41,6 +41,12 @@ WIDE_SECTORS = 64
 # would be 0.25 % instead of 0.11 %.
 LARGEST_MOMENT_H = 0.2
 
+# A lobe in penumbra has a mask of its own, of this many lobe widths around its axis, where that is smaller
+# than this part of the light's mask. A light that reaches into it by fewer cells is left to the light's mask.
+WINDOW = 3.5
+NARROW = 0.7
+FEWEST_CELLS = 16
+
 # A penumbra's lobe is not worth the light's cells where it adds less than this part of what a white diffuse
 # surface would add under the same light: below, its shadow is left out.
 NEGLIGIBLE_LOBE = 1e-4
@@ -93,6 +99,9 @@ def kernel_defines(
         "WIDE_SECTORS": WIDE_SECTORS,
         "LARGEST_MOMENT_H": LARGEST_MOMENT_H,
         "NEGLIGIBLE_LOBE": NEGLIGIBLE_LOBE,
+        "WINDOW": WINDOW,
+        "NARROW": NARROW,
+        "FEWEST_CELLS": float(FEWEST_CELLS),
         **tables_layout.defines(),
     }
 

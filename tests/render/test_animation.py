@@ -94,11 +94,35 @@ ANIMATED = {
     "switch": ("objects.cube.visible", True, False, lambda s: s.objects["cube"].visible),
     "whole number": ("shading.mask.depth", 3, 5, lambda s: s.shading.mask.depth),
     "material": ("materials.clay.phong.exponent", 5, 500, lambda s: s.materials["clay"].phong.exponent),
+    "reflectance": (
+        "materials.clay.phong.kd",
+        [0, 0.5, 1],
+        [1, 1, 0],
+        lambda s: s.materials["clay"].phong.kd,
+    ),
+    "texture": (
+        "materials.wood.phong.exponent.scale",
+        10,
+        90,
+        lambda s: s.materials["wood"].phong.exponent.scale,
+    ),
+    "lobe": ("materials.silk.lafortune.lobes.0.c", [-1, -1, 1], [1, 1, 1], lambda s: silk(s).c),
+    "lobe's component": ("materials.silk.lafortune.lobes.0.c.2", 0.5, 1.0, lambda s: silk(s).c[2]),
 }
+
+MATERIALS = """
+  wood: {phong: {kd: 1, ks: 1, exponent: {texture: tiny.yaml, scale: 3}}}
+  silk: {lafortune: {kd: 0.1, lobes: [{rho: 1, c: [-1, -1, 1], exponent: 9}]}}
+"""
+
+
+def silk(scene):
+    return scene.materials["silk"].lafortune.lobes[0]
 
 
 @pytest.mark.parametrize(("target", "first", "last", "read"), ANIMATED.values(), ids=ANIMATED.keys())
 def test_scenes_animate_every_kind_of_value(tiny_scene, target, first, last, read):
+    tiny_scene.write_text(tiny_scene.read_text().replace("materials:\n", "materials:" + MATERIALS))
     entry = f"{{target: {target}, keys: {{0: {_yaml(first)}, 2: {_yaml(last)}}}}}"
     scene_file = load_scene(tiny_scene, [f"animation=[{entry}]"])
 

@@ -39,7 +39,8 @@ __kernel void near_light_many(__global const float *spheres, __global const floa
     const float ox = spheres[4 * i], oy = spheres[4 * i + 1], oz = spheres[4 * i + 2], r = spheres[4 * i + 3];
     const float d2 = ox * ox + oy * oy + oz * oz, rho2 = fmin(r * r, d2);
     splat_sphere(all, h[i], ox, oy, oz, fmax(d2 - r * r, 0.0f), rho2);
-    splat_near_light(m, all, h[i], ox, oy, oz, rho2, light[2 * i], light[2 * i + 1]);
+    const float3 centre = (float3)(light[4 * i], light[4 * i + 1], light[4 * i + 2]);
+    splat_near_light(m, all, h[i], ox, oy, oz, rho2, centre, light[4 * i + 3]);
     for (int k = 0; k < NR; k++) RU_STORE(m[k], i * NR + k, bits);
 }
 __kernel void moments_many(__global const uint *bits, __global const float *h, __global float *out)
@@ -211,8 +212,9 @@ def test_horizon(device):
         np.testing.assert_array_equal(bits[clear], (height < 0)[clear])
 
 
-def test_blockers_that_reach_into_the_light(device):
-    """Only where the ray meets the sphere before the light does it block."""
+@pytest.mark.parametrize("offset", [0, 0.4])
+def test_blockers_that_reach_into_the_light(device, offset):
+    """Only where the ray meets the sphere before the light does it block; the light may be off the axis."""
     rng = np.random.default_rng(4)
     n = 500
     d, radius = 2.0, 0.5
@@ -221,11 +223,11 @@ def test_blockers_that_reach_into_the_light(device):
     centre = rng.normal(size=(n, 3)) * 0.4 + [0, 0, 1.9]
     r = rng.uniform(0.05, 0.6, n)
     spheres = np.concatenate([centre, r[:, None]], axis=1).astype(np.float32).astype(float)
-    light = np.tile([d, radius**2], (n, 1))
+    centre_of_light = np.array([offset, -offset / 2, np.sqrt(d * d - 1.25 * offset**2)])
+    light = np.tile([*centre_of_light, radius**2], (n, 1))
     found = mask.unpack(
         run(device, program(device).near_light_many, [spheres, h, light], (n, 32), np.uint32), 32
     )
-    disk = quadtree.disk(32)
     blocked_somewhere = 0
     for bits, (x, y, z, size), half in zip(found, spheres, h, strict=True):
         directions = mask.directions(32, half)
@@ -233,8 +235,10 @@ def test_blockers_that_reach_into_the_light(device):
         tau = x * x + y * y + z * z - size * size
         meets = (along > 0) & (along**2 >= max(tau, 0))
         entry = along - np.sqrt(np.maximum(along**2 - max(tau, 0), 0))
-        towards_light = directions[..., 2] * d
-        light_entry = towards_light - np.sqrt(np.maximum(towards_light**2 - (d * d - radius**2), 0))
+        towards_light = directions @ centre_of_light
+        beyond = towards_light**2 - (d * d - radius**2)
+        disk = beyond > 1e-3
+        light_entry = towards_light - np.sqrt(np.maximum(beyond, 0))
         expected = meets & (entry < light_entry)
         clear = disk & (np.abs(along**2 - tau) > 2e-3) & (np.abs(entry - light_entry) > 1e-4)
         np.testing.assert_array_equal(bits[clear], expected[clear])

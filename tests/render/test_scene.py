@@ -206,7 +206,7 @@ BAD = {
     "two kinds of material": (
         "    phong:",
         "    lambert: {albedo: 1}\n    phong:",
-        ["13:3: materials.clay: must hold exactly one of lambert, phong"],
+        ["13:3: materials.clay: must hold exactly one of lambert, phong, phong_1975, lafortune"],
     ),
     "no kind of object": (
         "    mesh: sample:bunny\n",
@@ -253,20 +253,75 @@ BAD = {
         "threshold: -0.001",
         ["10:3: shading.threshold: must be >= 0 (got -0.001)"],
     ),
-    "lafortune": (
+    "no table of fits": (
         "lambert: {albedo: [0.8, 0.8, 0.8]}",
         "lafortune: {fit: a.csv, name: b}",
-        ["12:11: materials.floor.lafortune: not supported in this version"],
+        ["12:23: materials.floor.lafortune.fit: no such file: {folder}/a.csv (got a.csv)"],
     ),
-    "phong_1975": (
-        "    phong:",
-        "    phong_1975:",
-        ["14:5: materials.clay.phong_1975: not supported in this version"],
+    "fit without a name": (
+        "lambert: {albedo: [0.8, 0.8, 0.8]}",
+        "lafortune: {fit: scene.yaml}",
+        ["12:11: materials.floor.lafortune: must hold either kd and lobes, or fit and name"],
     ),
-    "texture": (
+    "table without columns": (
+        "lambert: {albedo: [0.8, 0.8, 0.8]}",
+        "lafortune: {fit: scene.yaml, name: b}",
+        ["12:11: materials.floor.lafortune: {file}:1: no column name; known: coslobe: 1"],
+    ),
+    "no lobe at all": (
+        "lambert: {albedo: [0.8, 0.8, 0.8]}",
+        "lafortune: {}",
+        ["12:11: materials.floor.lafortune: must hold either kd and lobes, or fit and name"],
+    ),
+    "lobe without a direction": (
+        "lambert: {albedo: [0.8, 0.8, 0.8]}",
+        "lafortune: {lobes: [{rho: 1, c: [0, 0, 0], exponent: 2}]}",
+        ["12:31: materials.floor.lafortune.lobes.0: c must not be [0, 0, 0]"],
+    ),
+    "lobe that no number holds": (
+        "lambert: {albedo: [0.8, 0.8, 0.8]}",
+        "lafortune: {lobes: [{rho: 1, c: [-1, -1, 2], exponent: 16600}]}",
+        [
+            "12:31: materials.floor.lafortune.lobes.0: rho |c|^exponent = 10^4997 is too large; "
+            "scale c to a largest component of 1"
+        ],
+    ),
+    "direction of two numbers": (
+        "lambert: {albedo: [0.8, 0.8, 0.8]}",
+        "lafortune: {lobes: [{rho: 1, c: [1, 1], exponent: 2}]}",
+        ["12:40: materials.floor.lafortune.lobes.0.c: must be three numbers [x, y, z] (got [1, 1])"],
+    ),
+    "tangent without a direction": (
+        "lambert: {albedo: [0.8, 0.8, 0.8]}",
+        "lafortune: {kd: 1, tangent: [0, 0, 0]}",
+        ["12:11: materials.floor.lafortune: tangent must not be [0, 0, 0]"],
+    ),
+    "no picture": (
         "ks: 0.4",
         "ks: {texture: a.png}",
-        ["16:7: materials.clay.phong.ks: textures are not supported in this version; give the value itself"],
+        ["16:12: materials.clay.phong.ks.texture: no such file: {folder}/a.png (got a.png)"],
+    ),
+    "key of a texture": (
+        "ks: 0.4",
+        "ks: {texture: scene.yaml, scael: 2}",
+        ["16:33: materials.clay.phong.ks.scael: unknown key; did you mean scale?"],
+    ),
+    "texture without a picture": (
+        "exponent: 50",
+        "exponent: {scale: 2}",
+        ["17:7: materials.clay.phong.exponent.texture: required, but missing"],
+    ),
+    "texture in a colour": (
+        "kd: [0.3, 0.3, 0.3]",
+        "kd: [0.3, {texture: scene.yaml}, 0.3]",
+        ['15:7: materials.clay.phong.kd: must be a number (got [0.3, {"texture": "scene.yaml"}, 0.3])'],
+    ),
+    "texture as a key value": (
+        "objects.bunny.transform.rotate_y, keys: {0: 0, 59: 360}",
+        "materials.clay.phong.exponent, keys: {0: 0, 59: {texture: scene.yaml}}",
+        [
+            "28:58: animation.0.keys.59: must be a number; of a texture, scale and offset can be animated",
+        ],
     ),
     "other fits": (
         "{count: 64}",
@@ -344,7 +399,10 @@ def test_bad_scenes_are_refused_in_words_with_their_place(tmp_path: Path, old: s
     if messages is None:
         assert re.match(rf"{re.escape(str(path))}:\d+:\d+: not valid YAML: ", lines[0])
     else:
-        assert lines == [f"{path}:{message.format(file=path)}" for message in messages]
+        expected = [
+            message.replace("{file}", str(path)).replace("{folder}", str(tmp_path)) for message in messages
+        ]
+        assert lines == [f"{path}:{message}" for message in expected]
     assert error.value.exit_status == 3
 
 
@@ -517,8 +575,9 @@ def test_the_schema_describes_every_key():
     for part in [schema, *schema["$defs"].values()]:
         assert part["additionalProperties"] is False
         assert part["description"]
-    assert "lafortune" not in schema["$defs"]["Material"]["properties"]
-    assert schema["$defs"]["Phong"]["properties"]["exponent"]["minimum"] == 0
+    constant, texture = schema["$defs"]["Phong"]["properties"]["exponent"]["anyOf"]
+    assert constant["minimum"] == 0
+    assert texture["$ref"] == "#/$defs/Texture"
 
 
 DOCS = Path(__file__).parents[2] / "docs" / "scene_file.md"

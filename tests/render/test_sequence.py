@@ -262,6 +262,49 @@ def change_order(scene: Path) -> None:
     scene.write_text("\n".join(lines))
 
 
+def test_pictures_and_tables_are_inputs(tiny_scene, tmp_path, spy):
+    """Their contents count; a table's only through the numbers that are taken from it."""
+    picture, table = tiny_scene.parent / "wood.png", tiny_scene.parent / "fits.csv"
+    Image.new("L", (2, 2), 90).save(picture)
+    table.write_text(
+        "name,kd_r,kd_g,kd_b,ks_r,ks_g,ks_b,Cxy,Cz,sharpness\na,0,0,0,1,1,1,-1,1,9\nb,0,0,0,1,1,1,-1,1,9\n"
+    )
+    overrides = (
+        "materials.floor.lambert.albedo={texture: wood.png}",
+        "materials.clay={lafortune: {fit: fits.csv, name: a}}",
+    )
+
+    def again() -> list[bool]:
+        return resumed(render(tiny_scene, tmp_path, *overrides, frames="0"))
+
+    assert again() == [False]
+    assert again() == [True]
+    inputs = {
+        Path(part["file"]).name for part in json.loads((tmp_path / "manifest.json").read_text())["inputs"]
+    }
+    assert {"wood.png", "fits.csv"} <= inputs
+    table.write_text(table.read_text().replace("b,0", "b,1"))
+    assert again() == [True]
+    table.write_text(table.read_text().replace("a,0", "a,1"))
+    assert again() == [False]
+    Image.new("L", (2, 2), 91).save(picture)
+    assert again() == [False]
+
+
+def test_textures_are_looked_up_again_only_when_pictures_change(tiny_scene, tmp_path, spy):
+    Image.new("L", (2, 2), 90).save(tiny_scene.parent / "wood.png")
+    texture = "materials.floor={phong: {kd: 0, ks: 1, exponent: {texture: wood.png, scale: 9}}}"
+    render(
+        tiny_scene,
+        tmp_path,
+        texture,
+        "animation.0.target=materials.floor.phong.exponent.scale",
+        "animation.1={target: camera.fov, keys: {0: 40}}",
+    )
+    assert len({id(gbuffer) for gbuffer in spy.gbuffers}) == 1
+    assert len(spy.gbuffers[0].texels) == 1
+
+
 @pytest.mark.parametrize("change", [change_mesh, change_spheres, change_order])
 def test_changed_files_are_noticed(tiny_scene, tmp_path, spy, change):
     render(tiny_scene, tmp_path, frames="0")
