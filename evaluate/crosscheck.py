@@ -166,7 +166,8 @@ def _terms(material: "Material") -> list[dict[str, Any]]:
 
     constant = (0.0, 0.0, 1.0)  # v_z l_z to the power of 0
     if material.phong is not None:
-        phong, n = material.phong, material.phong.exponent
+        phong = material.phong
+        n: Any = phong.exponent
         return [term(phong.kd, 1 / np.pi, constant), term(phong.ks, (n + 2) / (2 * np.pi), mirror, n)]
     if material.phong_1975 is not None:
         old = material.phong_1975
@@ -199,8 +200,8 @@ def _register_lobe_sum(mitsuba: Any) -> None:
             for term in self.terms:
                 x, y, z = term["c"]
                 cosine = drjit.maximum(x * view.x * light.x + y * view.y * light.y + z * view.z * light.z, 0)
-                lobe = drjit.power(cosine, term["exponent"]) * (light.z if term["cosine"] else 1)
-                value += mitsuba.Color3f(term["colour"]) * lobe
+                lobe: Any = drjit.power(cosine, term["exponent"])
+                value += mitsuba.Color3f(term["colour"]) * (lobe * light.z if term["cosine"] else lobe)
             return drjit.select(active & (view.z > 0) & (light.z > 0), value, mitsuba.Color3f(0))
 
         def pdf(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
@@ -215,7 +216,7 @@ def _register_lobe_sum(mitsuba: Any) -> None:
     mitsuba.register_bsdf(LOBE_SUM, LobeSum)
 
 
-def _rgb(colour: tuple[float, ...]) -> dict[str, Any]:
+def _rgb(colour: Any) -> dict[str, Any]:
     return {"type": "rgb", "value": list(colour)}
 
 

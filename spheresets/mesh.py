@@ -184,7 +184,7 @@ def _read_gltf(path: Path) -> tuple[Array, NDArray[np.int64], Array, Array]:
     offsets = np.cumsum([0] + [len(vertices) for vertices, _, _, _ in parts])
     vertices, faces, normals, uv = zip(*parts, strict=True)
     faces = [part + offset for part, offset in zip(faces, offsets, strict=False)]
-    return tuple(np.concatenate(part) for part in (vertices, faces, normals, uv))
+    return np.concatenate(vertices), np.concatenate(faces), np.concatenate(normals), np.concatenate(uv)
 
 
 def _check_gltf(path: Path) -> None:
