@@ -100,13 +100,10 @@ class Clusters:
         holder = near[alone, holds[alone].argmax(1)]
         everyone = np.arange(len(spheres))
         costs = np.zeros(len(spheres))
-        for gone in everyone:
+        for gone in range(len(spheres)):
             rows = alone[holder == gone]
             radii = spheres[:, 3] * (everyone != gone)
-
-            def others(who: Indices, radius: Array, gone: int = gone) -> Array:
-                return np.where((who == gone) & (radius > 0), NEVER, volume(who, radius))
-
+            others = _without(gone, volume)
             grown = grow(radii, near[rows], needed[rows], others)
             costs[gone] = others(everyone, grown).sum() - others(everyone, radii).sum()
         return costs
@@ -149,6 +146,11 @@ class Clusters:
         moved = np.column_stack([spheres[:, :3], np.full(len(spheres), SMALLEST)])
         moved[used] = balls
         return moved
+
+
+def _without(gone: int, volume: Volume) -> Volume:
+    """Volumes under which one sphere never grows."""
+    return lambda who, radius: np.where((who == gone) & (radius > 0), NEVER, volume(who, radius))
 
 
 def _split(points: Array) -> Array | None:

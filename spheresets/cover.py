@@ -66,11 +66,11 @@ def _uncovered(pieces: Array, spheres: Array) -> tuple[Indices, Array]:
     candidates, needed = [], []
     while len(pieces):
         near = nearest(pieces.mean(1), 2)  # holds most of them
-        pieces = pieces[~_within(pieces, spheres[near]).all(0).any(1)]
+        pieces = pieces[~np.any(np.all(_within(pieces, spheres[near]), axis=0), axis=1)]
         near = nearest(pieces.mean(1), CANDIDATES)
         within = _within(pieces, spheres[near])
-        left = ~within.all(0).any(1)
-        pieces, near, seam = pieces[left], near[left], within[:, left].any(2).all(0)
+        left = ~np.any(np.all(within, axis=0), axis=1)
+        pieces, near, seam = pieces[left], near[left], np.all(np.any(within[:, left], axis=2), axis=0)
         edges = np.linalg.norm(pieces - np.roll(pieces, -1, axis=1), axis=2)
         small = edges.max(1) <= spheres[near, 3].max(1) * np.where(seam, SEAM, PIECE)
         candidates.append(near[small])

@@ -49,7 +49,7 @@ def inner(solid: Solid, points: PointSamples, spheres: Array) -> Array:
             [slope[:, :3] + slope[:, 3:] * _deeper(solid, balls), np.zeros(len(balls))]
         )
         state = adam(state, gradient, rate)
-        moved = _balls(solid, state.spheres)
+        moved = _balls(solid, state.spheres.astype(np.float64))
         stuck = moved[:, 3] <= SMALLEST  # it left the solid
         moved[stuck] = balls[stuck]
         balls = state.spheres = moved
@@ -78,4 +78,6 @@ def _slopes(points: Array, balls: Array, near: NDArray[np.int64], tau: float) ->
     S = e.sum(1, keepdims=True)
     pull = -e / (S * (1 + S)) / (tau * len(points))
     parts = [*(pull[:, :, None] * offset / distance[:, :, None]).transpose(2, 0, 1), pull]
-    return np.stack([np.bincount(near.ravel(), part.ravel(), len(balls)) for part in parts], axis=1)
+    return np.stack(
+        [np.bincount(near.ravel(), part.ravel(), len(balls)) for part in parts], axis=1, dtype=float
+    )
