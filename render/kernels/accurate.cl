@@ -93,7 +93,7 @@ inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const ca
         if (largest(lobe->colour) * lobes[l] <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
             continue;
         float3 cells = -1.0f;
-        if (WINDOW * WINDOW < NARROW * NARROW * h * h * (lobe->exponent + 1.0f))
+        if (WINDOW * WINDOW < h * h * (lobe->exponent + 1.0f))
             cells = window_cells(lobe, receiver, cap, blockers, light, disk, &count->splats);
         if (cells.x < 0.0f)
             cells = glossy_cells(lit, disk, h, nl, in_frame(lobe->axis, t, u, cap->a), lobe->exponent, lobe->cosine);

@@ -1,4 +1,4 @@
-/* A point's BRDF as the sum of a diffuse term and lobes. Twin: coslobe.render.materials.lobes_at. */
+/* A point's BRDF as the sum of a diffuse term and lobes. Twin: coslobe.render.materials.bound_lobe. */
 
 /* colour max(axis.l, 0)^exponent, in 1/sr; where `cosine` is 0 it already stands for BRDF times cosine. The samples of
    the lobe-over-cap table at the exponent begin at `slice`. */

@@ -164,6 +164,18 @@ def test_in_a_furnace_materials_have_their_albedo(method, name):
     np.testing.assert_allclose(found, 10 * expected, rtol=0.01)  # 32 rings and 64 sectors
 
 
+@pytest.mark.parametrize("exponent", [1500, 16600])
+def test_narrow_lobes_mirror_the_edges_of_shadows(method, exponent):
+    """Their own masks resolve what would fall between the cells of the light's: those alone are off by 1.2 %
+    at 16,600 and 0.7 % at 1500."""
+    position = 0.4 * grid(16, 2.0) + [-0.24, 0, 0.56]  # where the mirror shows the light
+    rho = (exponent + 2) / (2 * np.pi)
+    of = scene({"lafortune": {"lobes": [{"rho": rho, "c": [-1, -1, 1], "exponent": exponent}]}})
+    blocking = blockers([0.3, 1.1, 0.5, 0.12], [0.42, 1.2, 0.35, 0.07])
+    at = points(position)
+    assert_agrees(method.shade(of, at, blocking).radiance, reference(of, at, blocking), 0.006)
+
+
 WRAPPER = """
 __kernel void bind_many(__global const lobe_t *lobes, __global const float *frames, __global float *out)
 {
