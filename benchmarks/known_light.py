@@ -46,7 +46,7 @@ def bundles_to_light(solid: Solid, rng: np.random.Generator) -> np.ndarray:
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     starts = (receivers + 1e-4 * directions).reshape(-1, 3)
     hit = solid.occluded(starts, directions.reshape(-1, 3), np.inf).reshape(-1, BUNDLE)
-    partly = (hit.any(1) & ~hit.all(1)).nonzero()[0][: 3 * wanted // 4]
+    partly = np.flatnonzero(np.ptp(hit.astype(int), axis=1))[: 3 * wanted // 4]
     chosen = np.concatenate([partly, rng.choice(len(hit), wanted - len(partly), replace=False)])
     chosen = rng.permutation(chosen)
     origins, directions = np.broadcast_to(receivers, directions.shape)[chosen], directions[chosen]

@@ -57,7 +57,7 @@ def draw_bundles(
     outline = np.arange(n) % UNIFORM > 0
     through[outline] = _outlines(solid, middle[outline], fineness, rng)
 
-    blur = fineness * np.exp(rng.uniform(*np.log(BLUR), n))
+    blur = fineness * np.exp(rng.uniform(np.log(BLUR[0]), np.log(BLUR[1]), n))
     cone = np.repeat(middle, BUNDLE, axis=0)
     offset = np.repeat(blur, BUNDLE)[:, None] * _in_disks(cone, rng)
     receiver = np.repeat(through - RECEIVER * middle, BUNDLE, axis=0)

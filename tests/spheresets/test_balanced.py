@@ -89,7 +89,7 @@ def test_a_torus_becomes_a_ring_of_equal_spheres(torus, torus_fits):
 def test_a_torus_of_64_spheres_is_close(torus, torus_fits, one_device):
     spheres = torus_fits.fit(64) * torus.size
     m = measure(torus, SphereSet(spheres[:, :3], spheres[:, 3], np.zeros(64)), one_device)
-    # measured 0.990, 0.981, 0.003; below by the spread of seeds
+    # measured 0.993, 0.984, 0.002; below by the spread of seeds
     assert m["silhouette_iou_mean"] > 0.985
     assert m["volume_iou"] > 0.97
     assert m["max_gap"] < 0.008
@@ -188,15 +188,15 @@ def test_an_open_ball_is_fitted_as_a_ball(mesh_of, one_device):
 
 @pytest.mark.slow
 def test_the_bunny_reaches_its_targets(one_device):
-    """Set just below what the spread of seeds allows; measured 0.965 / 0.955, 0.940, 0.017, 0.015, 0.001."""
+    """Set just below what the spread of seeds allows; measured 0.968 / 0.959, 0.941, 0.016, 0.014, 0.002."""
     from coslobe.spheresets.mesh import load_mesh
 
     solid = Solid(load_mesh("sample:bunny"))
     spheres = fits(solid, one_device).fit(64) * solid.size + [*solid.center, 0]
     m = measure(solid, SphereSet(spheres[:, :3], spheres[:, 3], np.zeros(64)), one_device)
-    assert m["silhouette_iou_mean"] > 0.960
-    assert m["silhouette_iou_min"] > 0.948
-    assert m["volume_iou"] > 0.934
+    assert m["silhouette_iou_mean"] > 0.965
+    assert m["silhouette_iou_min"] > 0.953
+    assert m["volume_iou"] > 0.936
     assert m["max_gap"] < 0.025
-    assert m["shadow_rmse_no_contact"][1] < 0.022
+    assert m["shadow_rmse_no_contact"][1] < 0.018
     assert max(map(abs, m["shadow_bias"])) < 0.005
