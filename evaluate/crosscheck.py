@@ -150,14 +150,14 @@ def _bsdf(mitsuba: Any, material: "Material") -> dict[str, Any]:
         raise CoslobeError(
             "Mitsuba is given no textures but plain albedos, and no anisotropic materials", "leave them out"
         )
-    elif material.lambert is not None:
-        one_sided = {"type": "diffuse", "reflectance": _rgb(material.lambert.albedo)}
+    elif albedo is not None and not isinstance(albedo, Texture):
+        one_sided = {"type": "diffuse", "reflectance": _rgb(albedo)}
     else:
         one_sided = {"type": LOBE_SUM, "terms": json.dumps(_terms(material))}
     return {"type": "twosided", "bsdf": one_sided}
 
 
-def _terms(material: "Material") -> list[dict[str, Any]]:
+def _terms(material: Any) -> list[dict[str, Any]]:
     """colour max(c_x v_x l_x + c_y v_y l_y + c_z v_z l_z, 0)^exponent, with the cosine or without."""
     mirror = (-1.0, -1.0, 1.0)
 
@@ -199,8 +199,8 @@ def _register_lobe_sum(mitsuba: Any) -> None:
             for term in self.terms:
                 x, y, z = term["c"]
                 cosine = drjit.maximum(x * view.x * light.x + y * view.y * light.y + z * view.z * light.z, 0)
-                lobe = drjit.power(cosine, term["exponent"]) * (light.z if term["cosine"] else 1)
-                value += mitsuba.Color3f(term["colour"]) * lobe
+                lobe = drjit.power(cosine, term["exponent"])
+                value += mitsuba.Color3f(term["colour"]) * (lobe * light.z if term["cosine"] else lobe)
             return drjit.select(active & (view.z > 0) & (light.z > 0), value, mitsuba.Color3f(0))
 
         def pdf(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
