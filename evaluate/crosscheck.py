@@ -150,14 +150,14 @@ def _bsdf(mitsuba: Any, material: "Material") -> dict[str, Any]:
         raise CoslobeError(
             "Mitsuba is given no textures but plain albedos, and no anisotropic materials", "leave them out"
         )
-    elif material.lambert is not None:
-        one_sided = {"type": "diffuse", "reflectance": _rgb(material.lambert.albedo)}
+    elif albedo is not None and not isinstance(albedo, Texture):
+        one_sided = {"type": "diffuse", "reflectance": _rgb(albedo)}
     else:
         one_sided = {"type": LOBE_SUM, "terms": json.dumps(_terms(material))}
     return {"type": "twosided", "bsdf": one_sided}
 
 
-def _terms(material: "Material") -> list[dict[str, Any]]:
+def _terms(material: Any) -> list[dict[str, Any]]:
     """colour max(c_x v_x l_x + c_y v_y l_y + c_z v_z l_z, 0)^exponent, with the cosine or without."""
     mirror = (-1.0, -1.0, 1.0)
 
@@ -166,8 +166,7 @@ def _terms(material: "Material") -> list[dict[str, Any]]:
 
     constant = (0.0, 0.0, 1.0)  # v_z l_z to the power of 0
     if material.phong is not None:
-        phong = material.phong
-        n: Any = phong.exponent
+        phong, n = material.phong, material.phong.exponent
         return [term(phong.kd, 1 / np.pi, constant), term(phong.ks, (n + 2) / (2 * np.pi), mirror, n)]
     if material.phong_1975 is not None:
         old = material.phong_1975
@@ -200,7 +199,7 @@ def _register_lobe_sum(mitsuba: Any) -> None:
             for term in self.terms:
                 x, y, z = term["c"]
                 cosine = drjit.maximum(x * view.x * light.x + y * view.y * light.y + z * view.z * light.z, 0)
-                lobe: Any = drjit.power(cosine, term["exponent"])
+                lobe = drjit.power(cosine, term["exponent"])
                 value += mitsuba.Color3f(term["colour"]) * (lobe * light.z if term["cosine"] else lobe)
             return drjit.select(active & (view.z > 0) & (light.z > 0), value, mitsuba.Color3f(0))
 
@@ -216,7 +215,7 @@ def _register_lobe_sum(mitsuba: Any) -> None:
     mitsuba.register_bsdf(LOBE_SUM, LobeSum)
 
 
-def _rgb(colour: Any) -> dict[str, Any]:
+def _rgb(colour: tuple[float, ...]) -> dict[str, Any]:
     return {"type": "rgb", "value": list(colour)}
 
 
