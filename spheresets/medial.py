@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 NOISE = (0.0067, 0.02)  # of the interior points, most of which are near the surface
 INTERIOR, LEAST_INTERIOR, MOST_INTERIOR = 16, 20_000, 200_000  # such points: per sphere, and in all
-SAMPLES, LEAST_SAMPLES, MOST_SAMPLES = 256, 20_000, 400_000  # of the surface: per sphere, and in all
+SAMPLES, LEAST_SAMPLES, MOST_SAMPLES = 256, 20_000, 200_000  # of the surface: per sphere, and in all
 LEAST_SITES, MANY_SITES = 1500, 8000
 FLOAT32 = 1e-6  # by which distances in unit coordinates may be wrong
 
