@@ -35,6 +35,7 @@ from coslobe.spheresets.solid import Solid
 Array = NDArray[np.float64]
 
 SAMPLES, LEAST, MOST = 100, 6000, 100_000  # of the surface: per sphere, and in all
+MANY, FEWEST = 500, 2  # spheres above which rounds become fewer, and how few
 TRIED = 6  # rounds that a teleportation has to pay
 FRESH = 100_000  # samples in which uncovered ones are looked for
 
@@ -85,12 +86,13 @@ class Variational:
         effort = COARSE if coarse else EFFORTS[self._settings.quality]
         rng = np.random.default_rng([self._settings.seed, 4, count])
         start = self._starts.fit(count, coarse=coarse, progress=progress)
+        rounds = max(FEWEST, effort.rounds * MANY // max(MANY, count))
         points = self._solid.sample_surface(int(np.clip(SAMPLES * count, LEAST, MOST)), rng)
         spheres, best = start, cover(self._solid, start)
         with progress.task(f"covering with {count} spheres", effort.stages) as advance:
             for _ in range(effort.stages):
                 clusters = Clusters(self._volume, points)
-                spheres = clusters.improved(spheres, effort.rounds)
+                spheres = clusters.improved(spheres, rounds)
                 trials = islice(clusters.teleported(spheres), effort.teleportations)
                 spheres = self._least(spheres, *(clusters.improved(trial, TRIED) for trial in trials))
                 best = self._least(best, cover(self._solid, spheres))
