@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 # In units of the box's diagonal, for spheres of the TYPICAL radius: ends of geometric schedules.
 SOFTNESS, RATE = (0.0125, 0.0019), (0.004, 0.0004)
-POLISH_SOFTNESS, POLISH_RATE = (0.004, 0.0015), (0.002, 0.0002)
+POLISH_SOFTNESS, POLISH_RATE = (0.004, 0.0015), (0.002, 0.00004)
 TYPICAL = 0.0229  # median radius with which 64 spheres start in the bunny, to which the schedules are tuned
 COVERING = 0.5  # of the radius with which discs would cover the surface: spheres are not expected smaller
 SMALLEST_SCALE, LARGEST_SCALE = 0.005, 1.5
@@ -101,6 +101,7 @@ class Search:
         for piece in np.array_split(np.arange(steps), max(1, steps // REPORTED)):
             loss = self._on_both.run(self._state, taus[piece], rates[piece])
             advance(len(piece), f"loss {loss:.4f}")
+        self._reach(taus[-1])  # again: large steps can lose the smallest parts
 
     def _prune(self, count: int, tau: float) -> None:
         """Drop the spheres that cost least, down to `count`."""

@@ -5,8 +5,8 @@ compute, without culling by chunks. `SoftUnion` runs the kernels. Lengths are in
 
 Occupancy odds of a point p: S = B + sum_i e_i, e_i = exp((r_i - |p - c_i|) / tau), so that log S is the
 log-sum-exp soft union. Loss: binary cross-entropy of S / (1 + S) with "p is inside the solid".
-B = exp(-cutoff) keeps it finite where nothing covers p. Exchanges look farther than descent: to them it matters
-how far away a part was left behind, while descent must not draw spheres out of the solid towards it.
+B = exp(-cutoff) keeps it finite where nothing covers p. Exchanges look farther than descent: to them it
+matters how far away a part was left behind, but descent must not draw spheres out of the solid towards it.
 """
 
 from collections.abc import Iterator

@@ -9,7 +9,7 @@ Array = NDArray[np.float64]
 
 BRANCHING = 4
 BLOCK = 512  # children per step of the search for parents: bounds its memory
-GROWTH = 1 + 1e-12  # of bounding radii, so that rounding cannot put a child outside
+ROUNDING = 2.0**-22  # of numbers as large as a bound's: children stay inside when all becomes float32
 
 
 def level_counts(count: int, levels: int | None = None) -> list[int]:
@@ -36,7 +36,8 @@ def bounding_hierarchy(spheres: Array) -> tuple[NDArray[np.int64], Hierarchy]:
     """An order of the spheres [n, 4] and a hierarchy over them in that order.
 
     Nodes are numbered breadth-first from the root 0; each has up to four children, all nodes or all leaves,
-    from halving its spheres twice at the median of their longest extent. Bounds are tight to a few percent.
+    from halving its spheres twice at the median of their longest extent. Bounds are tight to a few percent,
+    and hold as float32, too.
     """
     order = np.arange(len(spheres))
     ranges, depths, first_child = [(0, len(spheres))], [0], []
@@ -59,7 +60,8 @@ def bounding_hierarchy(spheres: Array) -> tuple[NDArray[np.int64], Hierarchy]:
         nodes = np.flatnonzero(depth == level)
         everything[nodes] = enclosing_spheres(everything[children[nodes]])
     bounds = everything[:m]
-    return order, Hierarchy(bounds[:, :3], bounds[:, 3], first.astype(np.int32), count.astype(np.int32))
+    centers, radii = np.ascontiguousarray(bounds[:, :3]), np.ascontiguousarray(bounds[:, 3])
+    return order, Hierarchy(centers, radii, first.astype(np.int32), count.astype(np.int32))
 
 
 def _halves(spheres: Array, order: NDArray[np.int64], start: int, end: int) -> list[tuple[int, int]]:
@@ -84,7 +86,8 @@ def enclosing_spheres(groups: Array) -> Array:
         length = np.linalg.norm(offset, axis=1)
         pull = np.divide(reach, length, out=np.zeros_like(length), where=length > 0) / (step + 1)
         middle = middle + offset * pull[:, None]
-    return np.column_stack([middle, _reach(centers, radii, middle)[0] * GROWTH])
+    radius = _reach(centers, radii, middle)[0]
+    return np.column_stack([middle, radius + ROUNDING * (np.linalg.norm(middle, axis=1) + radius)])
 
 
 def _reach(centers: Array, radii: Array, middle: Array) -> tuple[Array, Array]:

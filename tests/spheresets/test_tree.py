@@ -27,13 +27,15 @@ def test_levels(count, levels, expected):
 
 @st.composite
 def sphere_sets(draw):
-    """Up to 300 spheres, among them clusters, coincident ones and very small ones, near or far from 0."""
-    count = draw(st.integers(1, 300))
+    """Up to 300 spheres: clusters, copies, concentric, collinear, tiny and huge ones, near or far from 0."""
+    count = draw(st.sampled_from([1, 2, 3, 4, 5]) | st.integers(1, 300))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     spread = draw(st.sampled_from([0.0, 1e-9, 1.0, 1e6]))
     offset = draw(st.sampled_from([0.0, 1e6]))
     centers = offset + spread * rng.normal(size=(count, 3)).round(draw(st.integers(0, 3)))
-    return np.column_stack([centers, 10.0 ** rng.uniform(-8, 1, count)])
+    centers = centers * draw(st.sampled_from([(1.0, 1.0, 1.0), (1.0, 0.0, 0.0), (1.0, 1.0, 1e-3)]))
+    spheres = np.column_stack([centers, 10.0 ** rng.uniform(-8, draw(st.sampled_from([1, 8])), count)])
+    return spheres[rng.integers(count, size=count)] if draw(st.booleans()) else spheres
 
 
 @given(sphere_sets())
@@ -42,6 +44,7 @@ def test_every_child_lies_inside_its_parent(spheres):
     np.testing.assert_array_equal(np.sort(order), np.arange(len(spheres)))
     m = len(hierarchy.radii)
     numbered = np.concatenate([np.column_stack([hierarchy.centers, hierarchy.radii]), spheres[order]])
+    on_device = numbered.astype(np.float32).astype(np.float64)
     children = [
         np.arange(first, first + count)
         for first, count in zip(hierarchy.first_child, hierarchy.child_count, strict=True)
@@ -50,8 +53,16 @@ def test_every_child_lies_inside_its_parent(spheres):
     np.testing.assert_array_equal(np.sort(np.concatenate(children)), np.arange(1, m + len(spheres)))
     for node, members in enumerate(children):
         assert members.min() > node
-        gap = np.linalg.norm(numbered[members, :3] - numbered[node, :3], axis=1)
-        assert (gap + numbered[members, 3] <= numbered[node, 3]).all()
+        for held in (numbered, on_device):
+            gap = np.linalg.norm(held[members, :3] - held[node, :3], axis=1)
+            assert (gap + held[members, 3] <= held[node, 3]).all()
+
+
+def test_arrays_are_ready_for_the_device():
+    _, hierarchy = bounding_hierarchy(np.random.default_rng(0).random((100, 4)))
+    for array in vars(hierarchy).values():
+        assert array.flags.c_contiguous
+    assert hierarchy.first_child.dtype == hierarchy.child_count.dtype == np.int32
 
 
 def test_enclosing_spheres_are_nearly_the_smallest():
