@@ -68,7 +68,7 @@ def test_eval_prints_one_document(ball_scene, tmp_path, device):
         (["SCENE", "--spp", "0"], 2, "spp"),
         (["SCENE", "--frames", "9"], 2, "no such frame"),
         (["SCENE", "--set", "lights.kay.sphere.radius=1"], 2, "key"),
-        (["SCENE", "--set", "lights.key.sphere.radius=0"], 3, "must be > 0"),
+        (["SCENE", "--set", "lights.key.sphere.radius=-1"], 3, "must be >= 0"),
         (["SCENE", "--occluder", "mesh"], 2, "occluder"),
     ],
 )
