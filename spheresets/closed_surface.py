@@ -7,7 +7,8 @@ from coslobe.spheresets.solid import Solid
 
 Array = NDArray[np.float64]
 
-TRIANGLES = 10_000  # where the mesh has more, it is simplified
+TRIANGLES = 10_000  # where the mesh has more, it is simplified,
+MOST_TRIANGLES = 500_000  # but not where it has more than these: that would take minutes
 LOST = 0.01  # of the volume, at most, in simplification
 OVERLAP = 0.03  # relative difference of volumes above which parts of the mesh overlap
 CELLS = 64  # voxels along the longest side
@@ -17,9 +18,11 @@ POINTS = 100_000  # for the volume by samples
 def closed_surface(solid: Solid) -> tuple[Array, bool]:
     """Corners [m, 3, 3] of a closed surface, normals outwards, and whether it is the mesh itself.
 
-    A closed mesh is simplified by quadric errors (Garland and Heckbert 1997). An open one, or one whose parts
-    overlap, so that it counts some volume twice, is replaced by the faces of the voxels inside the solid.
+    A closed mesh is simplified by quadric errors (Garland and Heckbert 1997). One that is open, that counts some
+    volume twice because parts overlap, or that is huge, is replaced by the faces of the voxels in it.
     """
+    if len(solid.faces) > MOST_TRIANGLES:
+        return _voxel_faces(solid), False
     corners = solid.triangles
     volume = _volume(corners)
     if not solid.closed or abs(abs(volume) / _sampled_volume(solid) - 1) > OVERLAP:

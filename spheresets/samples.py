@@ -21,7 +21,7 @@ THIN = 9.0  # in the smaller noise: where a part or a gap is thinner, that noise
 LEAST_NOISE = 0.01  # share of it that stays where surfaces coincide
 LOOKED_AT = 200  # points inside a connected part, for a ball inside it
 MARGIN, LEAST_SIDE = 0.035, 0.3  # of the box for uniform points: spheres bulge far out of flat solids
-JUDGED = 0.35  # share of the points over which exchanges are judged
+JUDGED = 0.35  # share of the points over which exchanges are judged, at scale 1
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def draw_points(
     curve = np.argsort(_morton(points), kind="stable").reshape(BATCH, -1)
     rows = np.column_stack([points, inside]).astype(np.float32)
     batches = np.ascontiguousarray(rows[rng.permuted(curve, axis=1).T].transpose(0, 2, 1))
-    judged = np.concatenate(batches[: round(JUDGED * len(batches))], axis=1)
+    judged = np.concatenate(batches[: round(JUDGED * len(batches) / np.sqrt(scale))], axis=1)
 
     part = np.concatenate(parts)
     there = inside[: len(part)]

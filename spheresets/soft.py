@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from coslobe.core.device import Device
 
-CUTOFF, FARTHEST = 8.0, 50.0  # in tau: spheres farther than `cutoff`, between these, do not count
+CUTOFF, FARTHEST = 8.0, 30.0  # in tau: spheres farther than `cutoff`, between these, do not count
 DEEPEST = 30.0  # in tau: deeper counts as this deep
 
 Array = NDArray[np.float64]

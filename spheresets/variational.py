@@ -6,13 +6,14 @@ its points with least volume outside the solid, and so on in turns. Where that s
 one that others replace best leaves, the one with most outside volume is split at two far points. At last
 radii grow until the whole surface is covered.
 
-Departures. The start is a balanced fit, not random centers; from there teleportation gains little, so that
-only quality best tries it, and one that does not pay is taken back. Points of the inside are not samples: a
-cover of the surface holds what casts shadows. Points are handed out hardest first (`cover.grow`), from
-somewhat smaller spheres, instead of one after another to the sphere that then grows least. Centers follow the
-exact gradient of the outside volume, all spheres in one launch, instead of Powell's method: for 64 spheres
-in the bunny both end within 0.1 % of each other, after 25 and 194 evaluations per sphere. Fresh samples that
-are not covered join the others between stages, so that the last growth, over triangles instead of samples
+Departures. The start is a medial fit, not random centers: it is already a cover, and from random or even from
+balanced spheres the search ended as high or higher. From there teleportation gains little, so that only
+quality best tries it, and one that does not pay is taken back. Points of the inside are not samples: a cover
+of the surface holds what casts shadows. Points are handed out hardest first (`cover.grow`), from somewhat
+smaller spheres, instead of one after another to the sphere that then grows least. Centers follow the exact
+gradient of the outside volume, all spheres in one launch, instead of Powell's method: for 64 spheres in the
+bunny both end within 0.1 % of each other, after 25 and 194 evaluations per sphere. Fresh samples that are not
+covered join the others between stages, so that the last growth, over triangles instead of samples
 (`cover.cover`), is small.
 """
 
@@ -24,10 +25,10 @@ from numpy.typing import NDArray
 
 from coslobe.core.device import Device
 from coslobe.core.progress import SILENT, Progress
-from coslobe.spheresets.balanced import Balanced
 from coslobe.spheresets.closed_surface import closed_surface
 from coslobe.spheresets.clusters import Clusters
 from coslobe.spheresets.cover import cover
+from coslobe.spheresets.medial import Medial
 from coslobe.spheresets.outside_volume import OutsideVolume
 from coslobe.spheresets.settings import FitSettings
 from coslobe.spheresets.solid import Solid
@@ -70,7 +71,7 @@ class Variational:
     def __init__(self, solid: Solid, settings: FitSettings, device: Device) -> None:
         self._solid = solid
         self._settings = settings
-        self._starts = Balanced(solid, replace(settings, method="balanced", mode="balanced"), device)
+        self._starts = Medial(solid, replace(settings, method="medial", mode="outer"), device)
         corners, self._exact = closed_surface(solid)
         self._volume = OutsideVolume(device, corners, solid.inside)
 
@@ -81,14 +82,14 @@ class Variational:
         """
         if not self._exact:
             progress.say(
-                f"{self._solid.name}: outside volumes are those of voxels (open or overlapping parts)"
+                f"{self._solid.name} is open, overlaps itself, or is huge: outside volumes by its voxels"
             )
         effort = COARSE if coarse else EFFORTS[self._settings.quality]
         rng = np.random.default_rng([self._settings.seed, 4, count])
         start = self._starts.fit(count, coarse=coarse, progress=progress)
         rounds = max(FEWEST, effort.rounds * MANY // max(MANY, count))
         points = self._solid.sample_surface(int(np.clip(SAMPLES * count, LEAST, MOST)), rng)
-        spheres, best = start, cover(self._solid, start)
+        spheres = best = start
         with progress.task(f"covering with {count} spheres", effort.stages) as advance:
             for _ in range(effort.stages):
                 clusters = Clusters(self._volume, points)

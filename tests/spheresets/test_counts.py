@@ -174,7 +174,7 @@ def test_outside_in_closed_form(mesh_of):
     """Spheres about to leave a cube through a face, an edge and a corner, and one within."""
     solid = Solid(mesh_of(box([2, 2, 2], [0, 0, 0])))
     unit = np.array([[0.5, 0, 0, 0.7], [0.5, 0.5, 0, 0.9], [0.7, 0.7, 0.7, 0.5], [0, 0, 0, 0.9]]) / solid.size
-    # At d from k faces, a ball is r - d outside of one, which is more than r - sqrt(k) d outside of their corner.
+    # At d from k faces, a ball is r - d outside of one, which is more than r - sqrt(k) d beyond their corner.
     expected = [0.2, 0.4, 0.2, 0]
     found = outside_distances(solid, unit) * solid.size
     assert (found <= np.array(expected) + 1e-5).all()
