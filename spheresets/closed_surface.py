@@ -18,8 +18,8 @@ POINTS = 100_000  # for the volume by samples
 def closed_surface(solid: Solid) -> tuple[Array, bool]:
     """Corners [m, 3, 3] of a closed surface, normals outwards, and whether it is the mesh itself.
 
-    A closed mesh is simplified by quadric errors (Garland and Heckbert 1997). One that is open, that counts some
-    volume twice because parts overlap, or that is huge, is replaced by the faces of the voxels in it.
+    A closed mesh is simplified by quadric errors (Garland and Heckbert 1997). One that is open, that counts
+    some volume twice because parts overlap, or that is huge, is replaced by the faces of the voxels in it.
     """
     if len(solid.faces) > MOST_TRIANGLES:
         return _voxel_faces(solid), False

@@ -6,8 +6,9 @@ its points with least volume outside the solid, and so on in turns. Where that s
 one that others replace best leaves, the one with most outside volume is split at two far points. At last
 radii grow until the whole surface is covered.
 
-Departures. The start is a medial fit, not random centers: it is already a cover, and from random or even from
-balanced spheres the search ended as high or higher. From there teleportation gains little, so that only
+Departures. The start is a medial fit, which is already a cover, not random centers: from balls that are
+spread evenly the search ended 1.4 to 2.8 times as high (bunny, hand, torus; 64 spheres), from balanced
+spheres as high on bunny and hand and higher on the torus. From there teleportation gains little, so that only
 quality best tries it, and one that does not pay is taken back. Points of the inside are not samples: a cover
 of the surface holds what casts shadows. Points are handed out hardest first (`cover.grow`), from somewhat
 smaller spheres, instead of one after another to the sphere that then grows least. Centers follow the exact
