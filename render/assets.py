@@ -13,7 +13,7 @@ from coslobe.core.errors import NoDevice
 from coslobe.core.files import sha256
 from coslobe.core.progress import SILENT, Progress
 from coslobe.render.fields import Source
-from coslobe.render.gbuffer import RayCaster
+from coslobe.render.raycaster import RayCaster
 from coslobe.render.plane import plane_mesh
 from coslobe.render.scene import Material, Object, Scene
 from coslobe.render.surface import vertex_tangents

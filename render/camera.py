@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 TILE = 8  # pixels; the points of one tile are shaded by one work-group
 BLOCK = TILE * TILE  # pixels that lie together
-BAND = 1 << 20  # rays that are traced and shaded at once: bounds the memory of large pictures
+BAND = 1 << 19  # rays that are traced and shaded at once: bounds the memory of large pictures
+KEPT_BANDS = 4  # what is found behind the rays is kept from frame to frame in pictures of up to as many bands
 
 
 class Part(NamedTuple):
@@ -30,7 +31,7 @@ def bands(image: "Image", rays: int = BAND) -> list[Part]:
     return [Part(first, min(first + step, pixels)) for first in range(0, pixels, step)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rays:
     """One ray per sample, tile after tile and the samples of a pixel side by side.
 
@@ -51,7 +52,7 @@ class Rays:
     local: NDArray
     pixel: NDArray
 
-    @cached_property
+    @property
     def direction(self) -> NDArray:
         """Unit vectors in the world, float64 [n, 3]."""
         return self.local @ self.frame
@@ -74,14 +75,14 @@ def camera_rays(scene: "Scene", part: Part | None = None) -> Rays:
     return _rays(scene.camera, image, part)  # pyright: ignore[reportArgumentType]  # frozen, so hashable
 
 
-@lru_cache(maxsize=3)
+@lru_cache(maxsize=KEPT_BANDS + 1)
 def _rays(camera: "Camera", image: "Image", part: Part) -> Rays:
     right, up, forward, origin = camera_frame(camera)
     local, pixel = _local_rays(image, camera.fov, camera.fov_axis, part)
     return Rays(origin, np.stack([right, up, forward]), local, pixel)
 
 
-@lru_cache(maxsize=3)
+@lru_cache(maxsize=KEPT_BANDS + 1)
 def _local_rays(image: "Image", fov: float, fov_axis: str, part: Part) -> tuple[NDArray, NDArray]:
     """Unit vectors [n, 3] in the camera's frame, and their pixels."""
     width, height = image.width, image.height

@@ -14,9 +14,10 @@ from coslobe.render import layout
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.groups import Groups, group
-from coslobe.render.mask import ROUNDING, disk_tree, turns
+from coslobe.render.mask import ROUNDING, disk_tree
 from coslobe.render.materials import pack_materials
 from coslobe.render.methods.base import Shading
+from coslobe.render.points import PointBuffers
 from coslobe.render.scene import Mask, Paper, Scene
 from coslobe.tables import layout as tables_layout
 from coslobe.tables import lobe_cap, store, weights
@@ -114,7 +115,7 @@ class CosineLobes:
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
         self._paper_tables: dict[int, list[Any]] = {}
-        self._points: tuple[GBuffer, NDArray, Any, NDArray] | None = None
+        self._points = PointBuffers(device)
         self._kernels: dict[tuple[Any, ...], Any] = {}
 
     def prepare(self, scene: Scene) -> None:
@@ -127,7 +128,7 @@ class CosineLobes:
         self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
     ) -> Shading:
         """Direct light at every point, from every light, through every blocker."""
-        n = len(gbuffer.position)
+        n = len(gbuffer)
         if n == 0 or not scene.lights:
             return _unlit(n, len(scene.lights), layers)
         device = self._device
@@ -146,7 +147,7 @@ class CosineLobes:
         kernel = self._kernel(scene.shading.estimator, defines)
         build_seconds = time.perf_counter() - start
 
-        points, origin = self._upload_points(gbuffer, packed.index)
+        points, origin, points_seconds = self._points.upload(gbuffer, packed.index)
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
@@ -185,7 +186,7 @@ class CosineLobes:
             found["irradiance"] = device.download(arriving, (n, 3), np.float32)
         return Shading(
             result,
-            launch.seconds,
+            launch.seconds + points_seconds,
             build_seconds,
             _summary(counts, len(lights), blockers),
             {name: found[name] for name in layers},
@@ -199,26 +200,6 @@ class CosineLobes:
         if key not in self._kernels:
             self._kernels[key] = Kernel(self._device.build(kernel_units(estimator), defines), "shade")
         return self._kernels[key]
-
-    def _upload_points(self, gbuffer: GBuffer, material: NDArray) -> tuple[Any, NDArray]:
-        """The points relative to their middle, so that float32 serves scenes far from the origin.
-
-        It is the median: a few points near the horizon of a large plane must not move it away from the rest.
-        A G-buffer that did not change stays on the device. `material` is the index of each point's struct.
-        """
-        if self._points and self._points[0] is gbuffer and np.array_equal(self._points[1], material):
-            return self._points[2:]
-        every = -(-len(gbuffer.position) // 4096)  # a few thousand of them tell as much
-        origin = np.median(gbuffer.position[::every], axis=0)
-        packed = np.empty(len(gbuffer.position), layout.POINT)
-        packed["position"] = gbuffer.position - origin
-        packed["geometric"] = gbuffer.geometric_normal
-        packed["shading"] = gbuffer.shading_normal
-        packed["material"] = material
-        packed["object"] = gbuffer.object
-        packed["turn"] = turns(gbuffer.pixel, gbuffer.width)
-        self._points = (gbuffer, material, self._device.upload(packed), origin)
-        return self._points[2:]
 
     def _groups(self, scene: Scene, blockers: Blockers, origin: NDArray) -> Groups:
         """All blockers of the frame, the emitters too where there are several lights."""
