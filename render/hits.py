@@ -1,4 +1,4 @@
-"""The nearest surface behind every ray of a camera, object by object; what did not move is not traced again."""
+"""The nearest surface behind every ray, object by object; what did not move is not traced again."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

@@ -191,8 +191,8 @@ def _png_chunk(kind: bytes, data: bytes) -> bytes:
 def _levels() -> tuple[int, NDArray[np.uint8], NDArray[np.float32]]:
     """Tables of `_encode` over the float32 numbers from 2^-13 to 1 in bins of equal upper 17 bits.
 
-    The number of the first bin; the 8-bit level at each bin's lower edge, the last bin being all from 1 on; and
-    from where on it is one more. Bins are too narrow for two steps.
+    The number of the first bin; the 8-bit level at each bin's lower edge, the last bin being all from 1 on;
+    and from where on it is one more. Bins are too narrow for two steps.
     """
     first, last = (int(np.float32(edge).view(np.int32)) >> 15 for edge in (2.0**-13, 1.0))
     edges = (np.arange(first, last + 1, dtype=np.int32) << 15).view(np.float32)
@@ -200,7 +200,9 @@ def _levels() -> tuple[int, NDArray[np.uint8], NDArray[np.float32]]:
     below = np.searchsorted(steps, edges, side="right")
     step = np.append(steps, np.nan)[below]
     single = step.astype(np.float32)
-    single = np.where(single < step, np.nextafter(single, np.float32(np.inf)), single)  # the first float above
+    single = np.where(
+        single < step, np.nextafter(single, np.float32(np.inf)), single
+    )  # the first float above
     return first, below.astype(np.uint8), single
 
 

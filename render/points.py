@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coslobe.core.device import Device
 from coslobe.render import layout
-from coslobe.render.camera import Rays, half_extent, sample_pattern
+from coslobe.render.camera import half_extent, sample_pattern
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.hits import Layer
 from coslobe.render.mask import turns
@@ -60,20 +60,23 @@ class PointBuffers:
         objects, numbers, camera, materials = (
             device.upload(array) for array in (hits.object, number, _camera(points), material)
         )
-        (pixels,) = self._once(hits.rays, lambda rays: [rays.pixel])
+        width = image.width
+        (pixels,) = self._once(hits.rays, lambda rays: [rays.pixel // width << 16 | rays.pixel % width])
         launches, alive = [], []
         for index, obj in enumerate(points.scene.objects.values()):
             layer = hits.layers.get(index)
             if layer is None or len(layer.ray) == 0:
                 continue
             ray, *found = self._once(layer, _layer_arrays)
-            scalars = (points.complete, index, image.width, image.height, image.samples)
+            scalars = (points.complete, index, image.samples)
             arguments = [np.int32(len(layer.ray)), ray, pixels, objects, numbers]
-            arguments += [*(np.int32(value) for value in scalars), camera]
-            arguments += [device.upload(_placing(obj, points.origin)), materials, buffer, *found]
-            if obj.mesh is not None:
+            arguments += [*(np.int32(value) for value in scalars), camera, materials, buffer]
+            if obj.mesh is None:
+                arguments += [_normal(obj, hits.rays.origin), *found]
+            else:
                 mesh = self._once(points.assets.mesh(obj), _mesh_arrays)
-                arguments += [*mesh, np.int32(obj.normals == "flat")]
+                arguments += [device.upload(_placing(obj, points.origin)), *found, *mesh]
+                arguments += [np.int32(obj.normals == "flat")]
             kernel = self._kernels["points_on_plane" if obj.mesh is None else "points_on_mesh"]
             n_items = -(-len(layer.ray) // WORK_GROUP) * WORK_GROUP
             launches.append(device.launch(kernel, n_items, WORK_GROUP, *arguments))
@@ -108,9 +111,22 @@ def _mesh_arrays(mesh: Mesh) -> list[NDArray]:
 def _camera(points: Visible) -> NDArray:
     """The camera as points.cl reads it, with its origin relative to the points'."""
     camera, image, rays = points.scene.camera, points.scene.image, points.hits.rays
-    extent = half_extent(camera.fov, camera.fov_axis, image.width, image.height)
-    offsets = sample_pattern(image.samples)
-    return np.concatenate([rays.frame.ravel(), extent, rays.origin - points.origin, offsets.ravel()])
+    wide, high = half_extent(camera.fov, camera.fov_axis, image.width, image.height)
+    right, up, forward = rays.frame
+    vectors = [
+        2 * wide / image.width * right,
+        -2 * high / image.height * up,
+        forward - wide * right + high * up,
+    ]
+    return np.concatenate([*vectors, rays.origin - points.origin, sample_pattern(image.samples).ravel()])
+
+
+def _normal(plane: Object, eye: NDArray) -> NDArray:
+    """Its unit normal on the side of `eye`, float32 [4]."""
+    matrix = plane.transform.matrix()
+    normal = np.linalg.inv(matrix[:3, :3])[1]
+    normal /= np.linalg.norm(normal) * (1 if normal @ (eye - matrix[:3, 3]) >= 0 else -1)
+    return np.append(normal, 0).astype(np.float32)
 
 
 def _placing(obj: Object, origin: NDArray) -> NDArray:

@@ -85,7 +85,5 @@ def look_up(texels: NDArray, uv: NDArray) -> NDArray[np.float64]:
     flat = texels.reshape(height * width, *texels.shape[2:])
     if flat.ndim == 2:
         down, right = down[:, None], right[:, None]
-    upper, lower = (
-        (1 - right) * flat[line + columns[0]] + right * flat[line + columns[1]] for line in rows
-    )
+    upper, lower = ((1 - right) * flat[line + columns[0]] + right * flat[line + columns[1]] for line in rows)
     return (1 - down) * upper + down * lower

@@ -19,6 +19,7 @@ from coslobe.render.materials import pack_materials
 from coslobe.render.methods.base import Shading
 from coslobe.render.points import PointBuffers
 from coslobe.render.scene import Mask, Paper, Scene
+from coslobe.render.visible import Visible
 from coslobe.tables import layout as tables_layout
 from coslobe.tables import lobe_cap, store, weights
 from coslobe.tables.quadtree import disk
@@ -125,7 +126,7 @@ class CosineLobes:
             self._lobe_tables()
 
     def shade(
-        self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
+        self, scene: Scene, gbuffer: GBuffer | Visible, blockers: Blockers, layers: Sequence[str] = ()
     ) -> Shading:
         """Direct light at every point, from every light, through every blocker."""
         n = len(gbuffer)

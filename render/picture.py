@@ -1,0 +1,60 @@
+"""A picture that is filled part by part: samples averaged over their pixels, layer by layer."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.render.scene import Image
+from coslobe.render.visible import Visible
+
+
+class Picture:
+    """Layers of one frame.
+
+    Attributes
+    ----------
+    layers : dict
+        By name, float32 [h, w] or [h, w, 3].
+    points : int
+        Shaded points so far.
+    """
+
+    def __init__(self, image: Image) -> None:
+        self._image = image
+        self.layers: dict[str, NDArray[np.float32]] = {}
+        self.points = 0
+
+    def add(self, visible: Visible, averaged: Mapping[str, NDArray], first: Mapping[str, NDArray]) -> None:
+        """Fill in the pixels of `visible` with values at its points, [n] or [n, 3].
+
+        Those in `averaged` are averaged over each pixel's samples (box filter, background 0); of those in
+        `first` the first sample that hits something is taken (background 0, of "object" -1), because averages
+        of indices or normals would mean nothing.
+        """
+        self.points += len(visible)
+        pixel = visible.hits.rays.pixel[:: self._image.samples]
+        for name, values in averaged.items():
+            self._layer(name, values)[pixel] = self._samples(visible, values, 0.0).mean(axis=1)
+        if first:
+            hit = (visible.hits.object >= 0).reshape(len(pixel), -1)
+            sample = hit.argmax(axis=1)
+            for name, values in first.items():
+                background = -1.0 if name == "object" else 0.0
+                samples = self._samples(visible, values, background)
+                self._layer(name, values)[pixel] = samples[np.arange(len(pixel)), sample]
+
+    def _samples(self, visible: Visible, values: NDArray, background: float) -> NDArray:
+        """Values of all samples, float32 [pixels, samples] or [pixels, samples, 3]."""
+        every = np.asarray(values, np.float32)
+        if not visible.complete:
+            every = np.full((len(visible.hits.object), *values.shape[1:]), background, np.float32)
+            every[visible.ray] = values
+        return every.reshape(-1, self._image.samples, *values.shape[1:])
+
+    def _layer(self, name: str, values: NDArray) -> NDArray[np.float32]:
+        """The layer's pixels in rows, [h w] or [h w, 3]; made where there is none."""
+        shape = (self._image.height, self._image.width, *values.shape[1:])
+        if name not in self.layers:
+            self.layers[name] = np.zeros(shape, np.float32)
+        return self.layers[name].reshape(-1, *values.shape[1:])
