@@ -41,8 +41,8 @@ class Rays:
         The pinhole; all rays start there.
     frame : float64 [3, 3]
         Unit vectors to the right, up and forward, as rows.
-    local : float64 [n, 3]
-        Unit vectors in that frame.
+    local : float64 [3, n]
+        Unit vectors in that frame: right, up and forward of each.
     pixel : int32 [n]
         row * width + column, row 0 on top.
     """
@@ -55,14 +55,19 @@ class Rays:
     @property
     def direction(self) -> NDArray:
         """Unit vectors in the world, float64 [n, 3]."""
-        return self.local @ self.frame
+        return turned(self.frame.T, self.local).T
 
     @cached_property
     def blocks(self) -> tuple[NDArray, NDArray]:
         """Lower and upper bounds of x / z and y / z in the frame, per block of BLOCK rays, [m, 2] each."""
-        slope = self.local[:, :2] / self.local[:, 2:]
-        starts = np.arange(0, len(slope), BLOCK)
-        return np.minimum.reduceat(slope, starts), np.maximum.reduceat(slope, starts)
+        slope = self.local[:2] / self.local[2]
+        starts = np.arange(0, slope.shape[1], BLOCK)
+        return np.minimum.reduceat(slope, starts, axis=1).T, np.maximum.reduceat(slope, starts, axis=1).T
+
+
+def turned(matrix: NDArray, vectors: NDArray) -> NDArray:
+    """`matrix @ vectors`, [m, 3] and [3, n], without the threads of BLAS, which would spin beside kernels."""
+    return np.stack([row[0] * vectors[0] + row[1] * vectors[1] + row[2] * vectors[2] for row in matrix])
 
 
 def camera_rays(scene: "Scene", part: Part | None = None) -> Rays:
@@ -84,7 +89,7 @@ def _rays(camera: "Camera", image: "Image", part: Part) -> Rays:
 
 @lru_cache(maxsize=KEPT_BANDS + 1)
 def _local_rays(image: "Image", fov: float, fov_axis: str, part: Part) -> tuple[NDArray, NDArray]:
-    """Unit vectors [n, 3] in the camera's frame, and their pixels."""
+    """Unit vectors [3, n] in the camera's frame, and their pixels."""
     width, height = image.width, image.height
     pixel = tile_order(width, height)[part.first : part.last]
     if part.every > 1:
@@ -92,11 +97,10 @@ def _local_rays(image: "Image", fov: float, fov_axis: str, part: Part) -> tuple[
     row, column = np.divmod(pixel, width)
     offsets = sample_pattern(image.samples)
     tan_x, tan_y = half_extent(fov, fov_axis, width, height)
-    local = np.ones((len(pixel), image.samples, 3))
-    local[..., 0] = (2 * (column[:, None] + offsets[:, 0]) / width - 1) * tan_x
-    local[..., 1] = (1 - 2 * (row[:, None] + offsets[:, 1]) / height) * tan_y
-    local /= np.sqrt(local[..., 0] ** 2 + local[..., 1] ** 2 + 1)[..., None]
-    return local.reshape(-1, 3), np.repeat(pixel, image.samples)
+    x = ((2 * (column[:, None] + offsets[:, 0]) / width - 1) * tan_x).ravel()
+    y = ((1 - 2 * (row[:, None] + offsets[:, 1]) / height) * tan_y).ravel()
+    local = np.stack([x, y, np.ones_like(x)]) / np.sqrt(x * x + y * y + 1)
+    return local, np.repeat(pixel, image.samples)
 
 
 def camera_frame(camera: "Camera") -> tuple[NDArray, NDArray, NDArray, NDArray]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.render.camera import Part
+from coslobe.render.camera import Part, turned
 from coslobe.render.fields import Source
 from coslobe.render.hits import Hits, Layer, Tracer
 from coslobe.render.plane import locate
@@ -144,14 +144,14 @@ def resolve(scene: "Scene", assets: "Assets", hits: Hits) -> GBuffer:
             here = number[layer.ray[entries]]
             triangle[here], weights[here] = corners(obj, hits, layer, entries)
             if obj.plane is not None:
-                direction = hits.rays.local[layer.ray[entries]] @ hits.rays.frame
-                position[here] = hits.rays.origin + layer.t[entries, None] * direction
+                along = hits.rays.local[:, layer.ray[entries]]
+                position[here] = hits.rays.origin + (layer.t[entries] * turned(hits.rays.frame.T, along)).T
                 geometric[here] = shading[here] = _unit(np.linalg.inv(obj.transform.matrix()[:3, :3])[1:2])
             else:
                 surface = _on_mesh(obj, assets, triangle[here], weights[here])
                 position[here], geometric[here], shading[here] = surface
             material[here] = names.index(obj.material)
-    view = -(hits.rays.local[ray] @ hits.rays.frame)
+    view = -turned(hits.rays.frame.T, hits.rays.local[:, ray]).T
     geometric *= np.where(_dot(geometric, view) < 0, -1.0, 1.0)[:, None]
     # The file's normals need not agree with its winding: they are taken to the side of the true surface.
     shading *= np.where(_dot(shading, geometric) < 0, -1.0, 1.0)[:, None]
@@ -181,9 +181,9 @@ def corners(obj: "Object", hits: Hits, layer: Layer, entries: NDArray) -> tuple[
     matrix = obj.transform.matrix()
     inverse = np.linalg.inv(matrix[:3, :3])
     origin = inverse @ (hits.rays.origin - matrix[:3, 3])
-    along = hits.rays.local[layer.ray[entries]] @ (inverse @ hits.rays.frame.T).T
-    local = origin + layer.t[entries, None] * along
-    return locate(obj.plane, local[:, 0], local[:, 2])
+    x, _, z = turned(inverse @ hits.rays.frame.T, hits.rays.local[:, layer.ray[entries]])
+    t = layer.t[entries]
+    return locate(obj.plane, origin[0] + t * x, origin[2] + t * z)
 
 
 def _on_mesh(

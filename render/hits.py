@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.render.camera import KEPT_BANDS, Part, Rays, bands, camera_rays
+from coslobe.render.camera import KEPT_BANDS, Part, Rays, bands, camera_rays, turned
 from coslobe.render.raycaster import near_rays
 
 if TYPE_CHECKING:
@@ -97,10 +97,14 @@ def nearest(rays: Rays, layers: dict[int, Layer]) -> Hits:
     t = np.full(len(rays.pixel), np.inf)
     objects = np.full(len(t), -1, np.int32)
     for index, layer in layers.items():
-        nearer = np.flatnonzero(layer.t < t[layer.ray])
-        ray = layer.ray[nearer]
-        t[ray] = layer.t[nearer]
-        objects[ray] = index
+        if len(layer.ray) == len(t):  # as of a ground that fills the picture
+            objects[layer.t < t] = index
+            np.minimum(t, layer.t, out=t)
+        else:
+            nearer = np.flatnonzero(layer.t < t[layer.ray])
+            ray = layer.ray[nearer]
+            t[ray] = layer.t[nearer]
+            objects[ray] = index
     return Hits(rays, layers, objects, t)
 
 
@@ -110,13 +114,11 @@ def _hit_plane(obj: "Object", assets: "Assets", rays: Rays) -> Layer:
     matrix = obj.transform.matrix()
     inverse = np.linalg.inv(matrix[:3, :3])
     origin = inverse @ (rays.origin - matrix[:3, 3])
-    local = inverse @ rays.frame.T  # of directions, from the camera's frame
+    x, y, z = turned(inverse @ rays.frame.T, rays.local)
+    half = obj.plane.size / 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = -origin[1] / (rays.local @ local[1])
-        half = obj.plane.size / 2
-        inside = (t > 0) & np.isfinite(t)
-        for axis in (0, 2):
-            inside &= np.abs(origin[axis] + t * (rays.local @ local[axis])) <= half
+        t = -origin[1] / y
+        inside = (t > 0) & (np.abs(origin[0] + t * x) <= half) & (np.abs(origin[2] + t * z) <= half)
     ray = np.flatnonzero(inside).astype(np.int32)
     return Layer(ray, t[ray])
 
@@ -128,7 +130,7 @@ def _hit_mesh(obj: "Object", assets: "Assets", rays: Rays) -> Layer:
     candidates = near_rays(caster.hull, matrix, rays)
     inverse = np.linalg.inv(matrix[:3, :3])
     origin = inverse @ (rays.origin - matrix[:3, 3])
-    local = rays.local if len(candidates) == len(rays.pixel) else rays.local[candidates]
-    t, triangle, uv = caster.nearest(origin, local @ (scale * inverse @ rays.frame.T).T)
+    local = rays.local if len(candidates) == len(rays.pixel) else rays.local[:, candidates]
+    t, triangle, uv = caster.nearest(origin, turned(scale * inverse @ rays.frame.T, local))
     hit = np.flatnonzero(np.isfinite(t))
     return Layer(candidates[hit].astype(np.int32), t[hit] * scale, triangle[hit], uv[hit])

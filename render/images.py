@@ -60,6 +60,9 @@ def write_exr(
             pixels = np.asarray(values, np.float32)
         _refuse_nonfinite(path, layer, pixels)
         names = _channel_names(layer, pixels.ndim)
+        if names == ["R", "G", "B"]:
+            channels["RGB"] = np.ascontiguousarray(pixels)
+            continue
         planes = [pixels] if pixels.ndim == 2 else np.moveaxis(pixels, -1, 0)
         # OpenEXR writes the wrong pixels of arrays that are not contiguous, without an error.
         channels |= {name: np.ascontiguousarray(plane) for name, plane in zip(names, planes, strict=True)}

@@ -35,7 +35,10 @@ class Picture:
         self.points += len(visible)
         pixel = visible.hits.rays.pixel[:: self._image.samples]
         for name, values in averaged.items():
-            self._layer(name, values)[pixel] = self._samples(visible, values, 0.0).mean(axis=1)
+            samples = self._samples(visible, values, 0.0)
+            self._layer(name, values)[pixel] = (
+                samples[:, 0] if samples.shape[1] == 1 else samples.mean(axis=1)
+            )
         if first:
             hit = (visible.hits.object >= 0).reshape(len(pixel), -1)
             sample = hit.argmax(axis=1)

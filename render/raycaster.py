@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.render.camera import BLOCK, Rays
+from coslobe.render.camera import BLOCK, Rays, turned
 
 CELLS = 8  # along each side of a mesh's box: what its outline in a picture is taken from
 SIDES = 16  # of the polygon around the outline
@@ -36,21 +36,23 @@ class RayCaster:
     def nearest(self, origin: NDArray, direction: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Distance (inf: no hit) [n], triangle [n] and barycentric u, v [n, 2] of rays.
 
-        From `origin` [3] along the unit vectors `direction` [n, 3]; float64, int32 and float32.
+        From `origin` [3] along the unit vectors `direction` [3, n]; float64, int32 and float32.
         """
-        n = len(direction)
+        n = direction.shape[1]
         t, triangle, uv = np.empty(n), np.empty(n, np.int32), np.empty((n, 2), np.float32)
         for first in range(0, n, AT_ONCE):
             part = slice(first, first + AT_ONCE)
-            t[part], triangle[part], uv[part] = self._cast(origin, direction[part])
+            t[part], triangle[part], uv[part] = self._cast(origin, direction[:, part])
         return t, triangle, uv
 
     def _cast(self, origin: NDArray, direction: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         origin = (origin - self._centre) * self._scale
-        start = np.maximum(-(direction @ origin) - 1, 0)  # the mesh begins there; a far origin has no digits
-        rays = np.empty((len(direction), 6), np.float32)
-        rays[:, :3] = origin + start[:, None] * direction
-        rays[:, 3:] = direction
+        towards = turned(-origin[None], direction)[0]
+        start = np.maximum(towards - 1, 0)  # the mesh begins there; a far origin has no digits
+        rays = np.empty((len(start), 6), np.float32)
+        for axis in range(3):
+            rays[:, axis] = origin[axis] + start * direction[axis]
+            rays[:, 3 + axis] = direction[axis]
         answer = self._scene.cast_rays(self._tensor.from_numpy(rays))
         t = (answer["t_hit"].numpy() + start) / self._scale
         return t, answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy()

@@ -16,7 +16,7 @@ def test_hits_lie_on_their_rays_however_far_the_camera_is(distance):
     targets = weights @ corners
     length = np.linalg.norm(targets - origin, axis=1)
     t, triangle, uv = RayCaster(corners, np.array([[0, 1, 2]])).nearest(
-        origin, (targets - origin) / length[:, None]
+        origin, ((targets - origin) / length[:, None]).T
     )
     assert np.all(triangle == 0)
     np.testing.assert_allclose(t, length, atol=1e-5)
