@@ -77,13 +77,15 @@ def camera_rays(scene: "Scene", part: Part | None = None) -> Rays:
     """
     image = scene.image
     part = part or Part(0, image.width * image.height)
-    return _rays(scene.camera, image, part)  # pyright: ignore[reportArgumentType]  # frozen, so hashable
+    # Both are frozen, so hashable.
+    return _rays(scene.camera, image, part)  # pyright: ignore[reportArgumentType]
 
 
 @lru_cache(maxsize=KEPT_BANDS + 1)
 def _rays(camera: "Camera", image: "Image", part: Part) -> Rays:
     right, up, forward, origin = camera_frame(camera)
-    local, pixel = _local_rays(image, camera.fov, camera.fov_axis, part)
+    field = (camera.fov, camera.fov_axis)
+    local, pixel = _local_rays(image, *field, part)  # pyright: ignore[reportArgumentType]
     return Rays(origin, np.stack([right, up, forward]), local, pixel)
 
 

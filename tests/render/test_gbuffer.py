@@ -67,8 +67,11 @@ def plainly_traced(scene, assets):
         ["objects.cube.normals=flat", "image.samples=4", "objects.ground.plane.resolution=3"],
         ["objects.cube.transform={scale: 0.7, rotate_x: 20, rotate_z: 33, translate: [0.2, 0.3, -0.1]}"],
         ["objects.ground.transform={rotate_x: 25, scale: 2, translate: [0, 0.1, 0]}", "camera.fov=75"],
-        ["objects.cube.transform.translate=[1000, 0, 0]", "objects.ground.transform.translate=[1000, 0, 0]"]
-        + ["camera.look_at={origin: [999, 1.2, 1.5], target: [1000, 0.2, 0]}"],
+        [
+            "objects.cube.transform.translate=[1000, 0, 0]",
+            "objects.ground.transform.translate=[1000, 0, 0]",
+            "camera.look_at={origin: [999, 1.2, 1.5], target: [1000, 0.2, 0]}",
+        ],
     ],
     ids=["plain", "flat", "turned", "tilted", "far from the origin"],
 )

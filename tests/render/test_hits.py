@@ -96,7 +96,7 @@ def test_no_ray_that_hits_is_left_out(origin, place, angle, scale, fov):
     """Even of a camera within the mesh or with the mesh behind it."""
     if np.linalg.norm(np.subtract(origin, place)) < 1e-3:
         place = (place[0] + 1, *place[1:])
-    look = {"origin": origin, "target": (np.array(place) + [0.3, 0.2, 0.1]).tolist(), "up": [0.3, 1, 0.2]}
+    look = {"origin": origin, "target": np.add(place, [0.3, 0.2, 0.1]).tolist(), "up": [0.3, 1, 0.2]}
     camera = {"look_at": look, "fov": fov}
     image = {"width": 37, "height": 29}
     scene = Scene.model_validate(

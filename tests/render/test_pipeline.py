@@ -31,11 +31,10 @@ def test_what_fails_ahead_fails_where_its_turn_is():
         yield 2
         raise ValueError("third")
 
-    got = []
+    following = ahead(items())
+    assert [next(following), next(following)] == [1, 2]
     with pytest.raises(ValueError, match="third"):
-        for item in ahead(items()):
-            got.append(item)
-    assert got == [1, 2]
+        next(following)
 
 
 def test_jobs_are_done_in_order_before_the_end():
@@ -47,18 +46,20 @@ def test_jobs_are_done_in_order_before_the_end():
 
 
 def test_a_failed_job_is_the_last_and_its_error_is_raised():
-    done, failed = [], threading.Event()
+    done = []
 
     def fail():
-        failed.set()
         raise ValueError("disk full")
 
-    with pytest.raises(ValueError, match="disk full"), Behind() as behind:
-        behind.put(lambda: done.append(1))
-        behind.put(fail)
-        failed.wait(PATIENCE)
-        while True:  # until it is told
-            behind.put(lambda: done.append(2))
+    def work():
+        with Behind() as behind:
+            behind.put(lambda: done.append(1))
+            behind.put(fail)
+            while True:  # until it is told
+                behind.put(lambda: done.append(2))
+
+    with pytest.raises(ValueError, match="disk full"):
+        work()
     assert done == [1]
 
 
@@ -66,8 +67,12 @@ def test_the_last_jobs_error_is_not_lost():
     def fail():
         raise ValueError("disk full")
 
-    with pytest.raises(ValueError, match="disk full"), Behind() as behind:
-        behind.put(fail)
+    def work():
+        with Behind() as behind:
+            behind.put(fail)
+
+    with pytest.raises(ValueError, match="disk full"):
+        work()
 
 
 def test_an_interruption_waits_for_the_job_at_hand_only():
@@ -78,11 +83,15 @@ def test_an_interruption_waits_for_the_job_at_hand_only():
         released.wait(PATIENCE)
         done.append("at hand")
 
-    with pytest.raises(KeyboardInterrupt), Behind() as behind:
-        behind.put(slow)
-        for _ in range(WAITING):
-            behind.put(lambda: done.append("waiting"))
-        started.wait(PATIENCE)
-        threading.Timer(0.05, released.set).start()
-        raise KeyboardInterrupt
+    def work():
+        with Behind() as behind:
+            behind.put(slow)
+            started.wait(PATIENCE)
+            for _ in range(WAITING):
+                behind.put(lambda: done.append("waiting"))
+            threading.Timer(0.05, released.set).start()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
     assert done == ["at hand"]

@@ -40,8 +40,11 @@ def on_device(device, points):
         ["objects.ground.transform={rotate_x: 160}"],  # seen from below
         ["objects.cube.transform={scale: 0.3, rotate_x: 20, translate: [0.2, 0.3, -0.1]}"],
         ["objects.cube.visible=false"],
-        ["objects.cube.transform.translate=[1e5, 0, 0]", "objects.ground.transform.translate=[1e5, 0, 0]"]
-        + ["camera.look_at={origin: [99999, 1.2, 1.5], target: [100000, 0.2, 0]}"],
+        [
+            "objects.cube.transform.translate=[1e5, 0, 0]",
+            "objects.ground.transform.translate=[1e5, 0, 0]",
+            "camera.look_at={origin: [99999, 1.2, 1.5], target: [100000, 0.2, 0]}",
+        ],
     ],
 )
 def test_the_device_makes_the_points_that_the_host_packs(tiny_scene, device, changes):
