@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from coslobe.core.errors import CoslobeError, InvalidInput
 from coslobe.core.files import atomic_path
+from coslobe.render.plain_exr import write_plain_exr
 
 BEAUTY = "beauty"  # the layer whose channels are plain R, G, B
 PREFIX = "coslobe:"  # of our own attributes
@@ -52,28 +53,36 @@ def write_exr(
     CoslobeError
         A value is NaN or infinite in float32, or the file cannot be written.
     """
-    import OpenEXR
-
     channels: dict[str, NDArray[np.float32]] = {}
     for layer, values in layers.items():
         with np.errstate(over="ignore"):
             pixels = np.asarray(values, np.float32)
         _refuse_nonfinite(path, layer, pixels)
-        names = _channel_names(layer, pixels.ndim)
-        if names == ["R", "G", "B"]:
-            channels["RGB"] = np.ascontiguousarray(pixels)
-            continue
         planes = [pixels] if pixels.ndim == 2 else np.moveaxis(pixels, -1, 0)
-        # OpenEXR writes the wrong pixels of arrays that are not contiguous, without an error.
-        channels |= {name: np.ascontiguousarray(plane) for name, plane in zip(names, planes, strict=True)}
-    header: dict[str, Any] = {
-        "compression": OpenEXR.ZIP_COMPRESSION if compressed else OpenEXR.NO_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
+        channels |= zip(_channel_names(layer, pixels.ndim), planes, strict=True)
+    stored = {
         "chromaticities": _REC_709,
         "colorInteropID": "lin_rec709_scene",
         **{PREFIX + name: value for name, value in attributes.items()},
     }
-    with atomic_path(path) as temporary, OpenEXR.File(header, channels) as file:
+    with atomic_path(path) as temporary:
+        if compressed:
+            _write_compressed(path, temporary, channels, stored)
+        else:
+            with open(temporary, "wb") as file:
+                write_plain_exr(file, channels, stored)
+
+
+def _write_compressed(
+    path: Path, temporary: Path, channels: Mapping[str, NDArray[np.float32]], attributes: Mapping[str, Any]
+) -> None:
+    import OpenEXR
+
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **attributes}
+    # OpenEXR writes the wrong pixels of arrays that are not contiguous, without an error.
+    with OpenEXR.File(
+        header, {name: np.ascontiguousarray(plane) for name, plane in channels.items()}
+    ) as file:
         try:
             file.write(str(temporary))
         except RuntimeError as error:
@@ -191,30 +200,29 @@ def _png_chunk(kind: bytes, data: bytes) -> bytes:
 
 
 @lru_cache(maxsize=1)
-def _levels() -> tuple[int, NDArray[np.uint8], NDArray[np.float32]]:
-    """Tables of `_encode` over the float32 numbers from 2^-13 to 1 in bins of equal upper 17 bits.
+def _levels() -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Tables of `_encode`, by the upper halves of float32 numbers.
 
-    The number of the first bin; the 8-bit level at each bin's lower edge, the last bin being all from 1 on;
-    and from where on it is one more. Bins are too narrow for two steps.
+    The 8-bit level of the smallest number with such a half, and from where on it is one more. There is never
+    a second step: seven bits of the fraction are finer than eight bits of the curve.
     """
-    first, last = (int(np.float32(edge).view(np.int32)) >> 15 for edge in (2.0**-13, 1.0))
-    edges = (np.arange(first, last + 1, dtype=np.int32) << 15).view(np.float32)
+    half = np.arange(1 << 16, dtype=np.uint32)
+    edges = (half << 16).view(np.float32)
+    edges[half >= 0x8000] = 0.0  # negative
+    edges[np.isnan(edges)] = np.inf
     steps = linear((np.arange(1, 256) - 0.5) / 255)  # where rounding goes up
     below = np.searchsorted(steps, edges, side="right")
     step = np.append(steps, np.nan)[below]
     single = step.astype(np.float32)
-    single = np.where(
-        single < step, np.nextafter(single, np.float32(np.inf)), single
-    )  # the first float above
-    return first, below.astype(np.uint8), single
+    above = np.where(single < step, np.nextafter(single, np.float32(np.inf)), single)
+    return below.astype(np.uint8), above
 
 
 def _encode(rgb: NDArray[np.float32]) -> NDArray[np.uint8]:
     """rint(255 srgb(rgb)) by tables, several times as fast as by powers; NaN becomes some level."""
-    first, level, step = _levels()
-    bits = np.ascontiguousarray(rgb).view(np.int32)
-    entry = np.clip((bits >> 15) - first, 0, len(level) - 1)
-    return level[entry] + (rgb >= step[entry])
+    level, step = _levels()
+    half = np.ascontiguousarray(rgb, "<f4").view("<u2").reshape(*rgb.shape, 2)[..., 1]
+    return level[half] + (rgb >= step[half])
 
 
 def srgb(linear: ArrayLike) -> NDArray[np.float64]:
