@@ -23,13 +23,13 @@ from coslobe.tables import lobe_cap, store, weights
 from coslobe.tables.quadtree import disk
 
 # The program, in order of dependence; the estimator's units go before the last.
-UNITS = ("vector.cl", "lobe.cl", "mask.cl", "leaves.cl", "blockers.cl", "materials.cl", "wide.cl")
+UNITS = ("vector.cl", "points.cl", "elementary.cl", "lobe.cl", "lobe_cap.cl", "mask.cl", "leaves.cl", "blockers.cl", "lights.cl", "materials.cl", "wide.cl")
 ESTIMATORS = {
     "accurate": ("cells.cl", "accurate.cl"),
     "paper": ("cells.cl", "tables.cl", "products.cl", "paper.cl"),
 }
 KERNEL = "shade.cl"
-WORK_GROUP = 64
+WORK_GROUP = 4
 
 # Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
 COS2_WIDE = 0.25
@@ -78,6 +78,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
+        "PW": vector_width,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -158,7 +159,7 @@ class CosineLobes:
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            -(-n // WORK_GROUP) * WORK_GROUP,
+            -(-n // (WORK_GROUP * device.info.vector_width)) * WORK_GROUP,
             WORK_GROUP,
             points,
             np.int32(n),
