@@ -20,8 +20,8 @@ inline float diffuse_share(const ru *lit, float3 moments, __constant uint *disk,
 
 /* BRDF times cosine over the part of the light's cone that the point sees; *irradiance is the diffuse integral. Terms
    below the threshold, for unit radiance, are left out. */
-inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap, const blockers_t *blockers,
-                        int light, const tables_t *tables, __constant uint *disk, float threshold, stats_t *count,
+inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap, const __local blockers_t *blockers,
+                        int light, const __local tables_t *tables, __constant uint *disk, float threshold, stats_t *count,
                         float *irradiance)
 {
     const float3 n = receiver->shading, g = receiver->geometric;
