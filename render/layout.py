@@ -35,14 +35,29 @@ LOBE = np.dtype(
 )
 # A light of radius 0 has an intensity in the place of its radiance.
 LIGHT = np.dtype([("center", *_F3), ("radius", np.float32), ("radiance", *_F3)])
-# Per point: lights by how they are seen; spheres splatted, lobe products computed, mask leaves integrated.
+# Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe products computed,
+# mask leaves integrated.
 STATS = np.dtype(
-    [(name, np.uint32) for name in ("lit", "partial", "dark", "below", "splats", "products", "leaves")]
+    [(name, np.uint32) for name in ("lit", "partial", "dark", "below", "listed", "splats", "products", "leaves")]
 )
 
+WORK_GROUP = 64  # points, an 8x8 tile of pixels where all of them hit something
+NEAR_ROOM = 1024  # spheres that the lists of a work-group hold together
 GROUP = 16  # spheres that are culled together
 NO_OWNER = -1
 FIRST_EMITTER = -2  # owner of the first light's sphere among the blockers; further lights count down
+
+
+_SUM_OF_STATS = f"""\
+inline stats_t sum_of_stats(const __local stats_t *counts)
+{{
+    stats_t sum = counts[0];
+    for (int k = 1; k < {WORK_GROUP} / PW; k++) {{
+        {" ".join(f"sum.{name} += counts[k].{name};" for name in STATS.names or ())}
+    }}
+    return sum;
+}}
+"""
 
 
 def emitter_owner(light: int) -> int:
@@ -61,5 +76,7 @@ def declarations() -> str:
     }
     return (
         "".join(struct_declaration(name, dtype) for name, dtype in structs.items())
-        + f"#define GROUP {GROUP}\n#define EMITTER_OWNER(light) ({FIRST_EMITTER} - (light))\n"
+        + _SUM_OF_STATS
+        + f"#define GROUP {GROUP}\n#define WORK_GROUP {WORK_GROUP}\n#define NEAR_ROOM {NEAR_ROOM}\n"
+        + f"#define EMITTER_OWNER(light) ({FIRST_EMITTER} - (light))\n"
     )

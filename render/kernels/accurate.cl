@@ -19,7 +19,7 @@ inline float diffuse_share(const ru *lit, float3 moments, __constant uint *disk,
 /* Turns `terms`, the integrals of BRDF times cosine over all of the light's cap, the diffuse one first and then those of
    the lobes, into the integrals over the part that the point sees. Returns LIT, PARTIAL or DARK. */
 inline int shadow(float *terms, const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap,
-                  const blockers_t *blockers, int light, const tables_t *tables, __constant uint *disk, float threshold,
+                  const __local blockers_t *blockers, int light, const __local tables_t *tables, __constant uint *disk, float threshold,
                   work_t *work)
 {
     const float3 n = receiver->shading, g = receiver->geometric;

@@ -34,38 +34,73 @@ inline float column_centre(int c)
 }
 
 /* The bits of cells from `low` to `high` (in cell units, 0 at the left edge) where `valid`. FIRST and LAST round by
-   the mask's mode: a cell counts where its centre, all of it, or any of it is covered. */
+   the mask's mode: a cell counts where its centre, all of it, or any of it is covered. Truncation stands for ceil and
+   floor, which runtimes spell out in many instructions; it differs only where an edge is a whole number of cells. */
 inline ru interval_bits(rf low, rf high, ri valid)
 {
-    const ri first = TO_RI(ceil(clamp(low + FIRST, 0.0f, (float)ROWS)));
-    const ri last = TO_RI(floor(clamp(high + LAST, -1.0f, ROWS - 1.0f)));
-    const ru bits = ((ru)(0xffffffffu) << AS_RU(first & 31)) & ((ru)(0xffffffffu) >> AS_RU((31 - last) & 31));
-    return bits & AS_RU(valid & (last >= first));
+    const rf first = fmax(low + (FIRST + 1.0f), 0.0f), end = fmin(high + (LAST + 1.0f), (float)ROWS);
+    const ru bits = ((ru)(0xffffffffu) << AS_RU(TO_RI(first) & 31)) & ((ru)(0xffffffffu) >> AS_RU(-TO_RI(end) & 31));
+    return select((ru)(0), bits, AS_RU(valid & (first < 32.0f) & (end >= 1.0f)));
 }
 
-/* Mark what a sphere covers. o = (ox, oy, oz) is its centre in the mask's frame, tau = max(|o|^2 - r^2, 0) the
+/* A sphere whose outline on the mask's plane is an ellipse within reach, by what its rows need, in cell units: with y
+   from -1 to 1, it covers half a chord of sqrt(size + growth y^2 - (offset - slope y)^2) around middle + shear y, in
+   rows of the vectors from `begin` to `end`. */
+typedef struct {
+    float middle, shear, offset, slope, size, growth;
+    int begin, end;
+} ellipse_t;
+
+inline void splat_ellipse(ru *mask, const ellipse_t *e)
+{
+    for (int k = e->begin; k < e->end; k++) {
+        const rf y = row_centres(k);
+        const rf middle = e->middle + e->shear * y, c = e->offset - e->slope * y;
+        const rf disc = e->size + e->growth * (y * y) - c * c;
+        const rf root = sqrt(fmax(disc, 0.0f));
+        mask[k] |= interval_bits(middle - root, middle + root, disc > 0.0f);
+    }
+}
+
+/* Ellipses of VW spheres at a time. o = (ox, oy, oz) is a centre in the mask's frame, tau = max(|o|^2 - r^2, 0) the
    square of the tangent's length, rho2 = min(r^2, |o|^2): a point inside a sphere sees it as a half-space.
    Per row (o.p)^2 >= tau |p|^2 with p = (x, y, 1) is a quadratic in x. Its discriminant is written as
    tau (rho2 (y^2 + 1) - (oy - oz y)^2), which does not cancel for small caps (theory, section 5). */
-inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float tau, float rho2)
+typedef struct {
+    vf middle, shear, offset, slope, size, growth;
+    vi begin, end;
+} ellipses_t;
+
+/* The lanes for which that holds; others are for splat_outline. */
+inline vi ellipses_of(ellipses_t *e, float h, vf ox, vf oy, vf oz, vf tau, vf rho2)
+{
+    const float cells = 0.5f * ROWS / h;
+    const vf a2 = ox * ox - tau, inverse = -cells / a2;
+    const vf scale = inverse * sqrt(tau);
+    e->shear = h * inverse * ox * oy;
+    e->middle = inverse * ox * oz + 0.5f * ROWS;
+    e->offset = scale * oy;
+    e->slope = scale * oz * h;
+    e->size = scale * scale * rho2;
+    e->growth = e->size * (h * h);
+    /* The rows that it reaches, where that is an interval. */
+    const vf q = oz * oz - rho2, to_rows = cells / fmax(q, 1e-30f);
+    const vf centre = oy * oz * to_rows + 0.5f * ROWS, reach = sqrt(fmax(rho2 * (q + oy * oy), 0.0f)) * to_rows + 0.01f;
+    const vi all = q <= 1e-3f * rho2;
+    const vf first = clamp(centre - reach - 0.5f, 0.0f, (float)ROWS), last = clamp(centre + reach + 0.5f, 0.0f, (float)ROWS);
+    e->begin = select(CAT(convert_int, VW)(first) / RW, (vi)(0), all);
+    e->end = select((CAT(convert_int, VW)(last) + (RW - 1)) / RW, (vi)(NR), all);
+    return (a2 < -0.25f * (tau + rho2)) & (oz > fabs(oy) * h);
+}
+
+/* Mark what a sphere covers whose outline is no ellipse within reach; o, tau and rho2 as above. */
+inline void splat_outline(ru *mask, float h, float ox, float oy, float oz, float tau, float rho2)
 {
     const float a2 = ox * ox - tau;
     const float cells = 0.5f * ROWS / h;
     const float half_row = 0.5f * ROWS;
-    if (a2 < -0.25f * (tau + rho2)) { /* an ellipse within reach: one interval a row */
-        const float inverse = cells / a2;
-        for (int k = 0; k < NR; k++) {
-            const rf y = row_centres(k) * h;
-            const rf u = oy * y + oz, b = ox * u, c = oy - oz * y;
-            const rf disc = tau * (rho2 * (y * y + 1.0f) - c * c);
-            const rf root = sqrt(fmax(disc, 0.0f));
-            mask[k] |= interval_bits((root - b) * inverse + half_row, (-b - root) * inverse + half_row,
-                                     (disc > 0.0f) & (u > 0.0f));
-        }
-        return;
-    }
-    /* A large cap, whose outline may leave the plane: roots in the form that survives a2 = 0. Straight ahead of a point
-       inside the sphere they would be 0 / 0; any trace of ox then puts them far outside the plane. */
+    /* Roots in the form that survives a2 = 0. Straight ahead of a point inside the sphere they would be 0 / 0; any trace
+       of ox then puts them far outside the plane. */
     ox = fabs(ox) < 1e-20f ? 1e-20f : ox;
     for (int k = 0; k < NR; k++) {
         const rf y = row_centres(k) * h;
@@ -90,6 +125,18 @@ inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float 
         }
         mask[k] |= interval_bits(low * cells + half_row, high * cells + half_row, valid);
     }
+}
+
+/* Mark what a sphere covers. */
+inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float tau, float rho2)
+{
+    ellipses_t e;
+    const vi simple = ellipses_of(&e, h, (vf)(ox), (vf)(oy), (vf)(oz), (vf)(tau), (vf)(rho2));
+    const ellipse_t one = {e.middle.s0, e.shear.s0, e.offset.s0, e.slope.s0, e.size.s0, e.growth.s0, e.begin.s0, e.end.s0};
+    if (simple.s0)
+        splat_ellipse(mask, &one);
+    else
+        splat_outline(mask, h, ox, oy, oz, tau, rho2);
 }
 
 /* Mark what lies below the plane with normal n (in the mask's frame). */

@@ -28,7 +28,7 @@ inline void diffuse_term(term_t *term, const cap_t *cap, float e, float3 n)
 
 /* The product of the light's lobe, of exponent e, with one of the reflectance. The light's amplitude is such that their
    exact integral is `whole`; where the horizon `cut`s the light, that is with the cosine to the lobe's own axis. */
-inline void lobe_term(term_t *term, const tables_t *tables, const cap_t *cap, float e, const bound_lobe_t *lobe, float3 n,
+inline void lobe_term(term_t *term, const __local tables_t *tables, const cap_t *cap, float e, const bound_lobe_t *lobe, float3 n,
                       float whole, int cut)
 {
     const float3 a = cap->a, gap = lobe->axis - a;
@@ -56,7 +56,7 @@ inline void lobe_term(term_t *term, const tables_t *tables, const cap_t *cap, fl
 
    A lobe sharper than the light's stays as it is: the light is an image in it, with an edge that no lobe has, and soft
    lobes of leaves cannot tell on which side of a shadow's edge it falls. Its shadow is that of the mask's cells. */
-inline int light_terms(term_t *terms, const float *wholes, const brdf_t *brdf, const cap_t *cap, const tables_t *tables,
+inline int light_terms(term_t *terms, const float *wholes, const brdf_t *brdf, const cap_t *cap, const __local tables_t *tables,
                        float3 n, int cut, float threshold)
 {
     float amplitude;
@@ -97,7 +97,7 @@ typedef struct {
 
 /* The leaves at 2^depth to a side over a light with tan alpha_cap = h, cap through the corners of the one at the centre;
    the weight is linear between samples of sin^2 alpha_cap. */
-inline level_t leaf_level(const tables_t *tables, const cap_t *cap, float h, int rows, int depth)
+inline level_t leaf_level(const __local tables_t *tables, const cap_t *cap, float h, int rows, int depth)
 {
     const float corner2 = 2.0f * h * h / (rows * rows), length = sqrt(1.0f + corner2);
     const float position = cap->sine * cap->sine * WEIGHT_STEPS;
@@ -138,7 +138,7 @@ inline float taken(const pair_t *pair, float3 axis, int cosine, float3 n, rf x, 
 
 /* Takes the leaves of a tree from all terms; returns how many products that needed. A leaf whose product cannot reach
    the threshold is not worth a product: closed form. */
-inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_t *cap, const tables_t *tables, float h,
+inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_t *cap, const __local tables_t *tables, float h,
                         float3 n, float3 t, float3 u, float threshold)
 {
     const float3 nl = (float3)(dot(n, t), dot(n, u), dot(n, cap->a));
@@ -217,7 +217,7 @@ inline pf whole_diffuse(const caps_t *caps, pf over_shading)
 /* Turns `integrals` of BRDF times cosine over all of the light's cap, the diffuse one first and then those of the lobes,
    into those over the part that the point sees. Returns LIT, PARTIAL or DARK. */
 inline int shadow(float *integrals, const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap,
-                  const blockers_t *blockers, int light, const tables_t *tables, __constant uint *disk, float threshold,
+                  const __local blockers_t *blockers, int light, const __local tables_t *tables, __constant uint *disk, float threshold,
                   work_t *work)
 {
     const float3 n = receiver->shading, g = receiver->geometric;

@@ -71,3 +71,11 @@ inline uint point_bits(pi chosen)
     return bits;
 #endif
 }
+
+inline int point_sum(pi v)
+{
+    int sum = 0;
+    for (int l = 0; l < PW; l++)
+        sum += INT_LANE(v, l);
+    return sum;
+}

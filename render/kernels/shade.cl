@@ -1,9 +1,27 @@
 /* Direct light at PW points per work-item. What of a light's terms the blockers leave is the business of the estimator:
    accurate.cl or paper.cl define `whole_diffuse` and `shadow`. */
 
-/* Lights by how points see them, and the work that this took. */
+/* What all points of a frame share. */
 typedef struct {
-    pi lit, partial, dark, below, splats, products, leaves;
+    __global const point_t *points;
+    __global const float *tangents;
+    __global const material_t *materials;
+    __global const lobe_t *lobes;
+    __global const float4 *slices;
+    __global const light_t *lights;
+    __constant uint *disk;
+    __global float *radiance, *irradiance;
+    __global uint2 *work;
+    float3 eye;
+    float threshold;
+    int n_points, n_lights;
+    tables_t tables;
+    blockers_t blockers;
+} frame_t;
+
+/* Lights by how points see them, and the work that this took; see layout.STATS. */
+typedef struct {
+    pi lit, partial, dark, below, listed, splats, products, leaves;
 } counts_t;
 
 /* The points of a work-item. */
@@ -64,134 +82,211 @@ inline void store_points(pf3 v, int n, __global float *out)
         vstore3(vector_lane(&v, l), l, out);
 }
 
-__kernel void shade(__global const point_t *points, const int n_points, __global const float *tangents,
-                    const float eye_x, const float eye_y, const float eye_z,
-                    __global const material_t *materials, __global const lobe_t *lobes,
-                    __global const float4 *slices, __global const float *product_table,
-                    __global const float *cap_table, __global const float *weights,
-                    __global const light_t *lights, const int n_lights, const float threshold,
-                    __global const float *x, __global const float *y, __global const float *z,
-                    __global const float *radius, __global const float *outside, __global const int *owner,
-                    __global const float *group_x, __global const float *group_y, __global const float *group_z,
-                    __global const float *group_radius, const int n_groups, __constant uint *disk,
-                    __global float *radiance, __global stats_t *stats, __global float *irradiance)
+inline pf3 choose(pf3 a, pf3 b, pi second)
 {
-    const int first = get_global_id(0) * PW;
-    if (first >= n_points)
+    const pf3 r = {select(a.x, b.x, second), select(a.y, b.y, second), select(a.z, b.z, second)};
+    return r;
+}
+
+/* Adds light `j` where it is a point, or no mask can hold it, to the `chosen` points one by one. */
+inline void add_special(const __local frame_t *frame, int j, pi chosen, const receivers_t *receivers, const brdfs_t *brdfs,
+                        const caps_t *caps, pf3 *sum, pf3 *arriving, counts_t *count)
+{
+    const float3 colour = vload3(0, frame->lights[j].radiance);
+    for (uint lanes = point_bits(chosen); lanes; lanes &= lanes - 1) {
+        const int l = lowest_bit(lanes);
+        const receiver_t receiver = receiver_lane(receivers, l);
+        const brdf_t brdf = brdf_lane(brdfs, l);
+        cap_t cap = cap_lane(caps, l);
+        float diffuse = 0.0f;
+        float3 part = 0.0f;
+        if (cap.radius2 == 0.0f) {
+            if (cap.d == 0.0f)
+                continue;
+            part = reflected_point(&receiver, &brdf, &cap, &frame->blockers, j, &diffuse);
+            INT_LANE(*(diffuse > 0.0f ? &count->lit : &count->dark), l) += 1;
+        } else {
+            const int inside = cap.near <= 0.0f;
+            if (inside) {
+                cap.a = receiver.geometric;
+                cap.sine = 1.0f;
+                cap.cosine = 0.0f;
+            }
+            cap.depth = 1.0f - cap.cosine;
+            part = reflected_wide(&receiver, &brdf, &cap, &frame->blockers, j, inside, &diffuse);
+            INT_LANE(count->partial, l) += 1;
+        }
+        add_lane(sum, l, colour * part);
+        add_lane(arriving, l, colour * diffuse);
+    }
+}
+
+/* Integrals of BRDF times cosine over a light's caps as if nothing blocked them: the diffuse one, then those of the lobes.
+   Lobes below the threshold are 0. */
+inline void whole_terms(pf *terms, const __local frame_t *frame, const receivers_t *receivers, const brdfs_t *brdfs,
+                        const caps_t *caps, pf over_shading)
+{
+    terms[0] = whole_diffuse(caps, over_shading);
+    for (int k = 0; k < brdfs->n_lobes; k++) {
+        const bound_lobes_t *lobe = &brdfs->lobes[k];
+        /* Where the horizon cuts the light, with the cosine to the lobe's own axis: the cells take it to the true one. */
+        const pf3 normal = choose(receivers->shading, lobe->axis, over_shading < caps->sine);
+        const pf whole = lobe_over_cap(frame->slices, lobe->slice, lobe->exponent, lobe->axis, normal, caps->a, caps->sine,
+                                       caps->depth, lobe->cosine);
+        terms[1 + k] = select(whole, (pf)(0.0f), largest_of(lobe->colour) * whole < frame->threshold);
+    }
+}
+
+/* Adds light `j` to the `chosen` points. */
+inline void add_light(const __local frame_t *frame, int j, pi chosen, const receivers_t *receivers, const brdfs_t *brdfs,
+                      const caps_t *caps, pf3 *sum, pf3 *arriving, counts_t *count)
+{
+    const pf over_geometric = dots(receivers->geometric, caps->a), over_shading = dots(receivers->shading, caps->a);
+    const pi below = (over_geometric <= -caps->sine) | (over_shading <= -caps->sine);
+    const pi above = chosen & (below == 0);
+    const int listed = frame->blockers.list[2 * j + 1];
+    count->below -= chosen & below;
+    count->listed -= chosen * max(listed, 0);
+    if (!point_bits(above))
         return;
-    const int n = min(PW, n_points - first);
-    const blockers_t blockers = {x, y, z, radius, outside, owner, group_x, group_y, group_z, group_radius, n_groups};
-    const tables_t tables = {product_table, cap_table, weights};
-    const receivers_t receivers = load_points(points + first, n);
-    pf3 tangent = vectors(0.0f, 0.0f, 0.0f);
+    pf terms[1 + MAX_LOBES];
+    whole_terms(terms, frame, receivers, brdfs, caps, over_shading);
+    const float least = frame->threshold > 0.0f ? frame->threshold : -INFINITY;
+    const pf useful = select((pf)(1.0f), (pf)(0.0f), largest_of(brdfs->kd) * terms[0] < least);
+    pi state = LIT, to_do = above;
+    if (listed == 0 && !UNIT_LIGHTS)
+        to_do &= (over_geometric < caps->sine) | (over_shading < caps->sine);
+    for (uint lanes = point_bits(to_do); lanes; lanes &= lanes - 1) {
+        const int l = lowest_bit(lanes);
+        const receiver_t receiver = receiver_lane(receivers, l);
+        const brdf_t brdf = brdf_lane(brdfs, l);
+        const cap_t cap = cap_lane(caps, l);
+        float own[1 + MAX_LOBES];
+        for (int k = 0; k <= brdf.n_lobes; k++)
+            own[k] = LANE(terms[k], l);
+        work_t work = {0};
+        INT_LANE(state, l) = shadow(own, &receiver, &brdf, &cap, &frame->blockers, j, &frame->tables, frame->disk,
+                                    frame->threshold, &work);
+        for (int k = 0; k <= brdf.n_lobes; k++)
+            LANE(terms[k], l) = own[k];
+        INT_LANE(count->splats, l) += work.splats;
+        INT_LANE(count->products, l) += work.products;
+        INT_LANE(count->leaves, l) += work.leaves;
+    }
+    const pi shaded = above & (state != DARK);
+    count->lit -= above & (state == LIT);
+    count->partial -= above & (state == PARTIAL);
+    count->dark -= above & (state == DARK);
+    count->products -= shaded * (1 + brdfs->n_lobes);
+    pf3 part = scaled(brdfs->kd, useful * terms[0]);
+    for (int k = 0; k < brdfs->n_lobes; k++)
+        part = plus(part, terms[1 + k], brdfs->lobes[k].colour);
+    const float3 colour = vload3(0, frame->lights[j].radiance);
+    sum->x += select((pf)(0.0f), colour.x * part.x, shaded);
+    sum->y += select((pf)(0.0f), colour.y * part.y, shaded);
+    sum->z += select((pf)(0.0f), colour.z * part.z, shaded);
+    *arriving = plus(*arriving, select((pf)(0.0f), terms[0], shaded), vectors(colour.x, colour.y, colour.z));
+}
+
+/* Shades PW points from the first on; returns what that took. */
+__attribute__((noinline))
+stats_t shade_points(const __local frame_t *frame, int first)
+{
+    const int n = min(PW, frame->n_points - first);
+    const receivers_t receivers = load_points(frame->points + first, n);
+    pf3 sum = vectors(0.0f, 0.0f, 0.0f), arriving = sum, tangent = sum;
 #if ANISOTROPIC
     for (int l = 0; l < n; l++)
-        add_lane(&tangent, l, vload3(first + l, tangents));
+        add_lane(&tangent, l, vload3(first + l, frame->tangents));
 #endif
-    pf3 view = plus(vectors(eye_x, eye_y, eye_z), -1.0f, receivers.position);
+    pf3 view = plus(vectors(frame->eye.x, frame->eye.y, frame->eye.z), -1.0f, receivers.position);
     view = scaled(view, rsqrt(dots(view, view)));
-    const brdfs_t brdfs = bind_brdfs(materials, lobes, receivers.material, view, receivers.shading, tangent);
-
-    pf3 sum = vectors(0.0f, 0.0f, 0.0f), arriving = sum;
+    const brdfs_t brdfs = bind_brdfs(frame->materials, frame->lobes, receivers.material, view, receivers.shading, tangent);
+    pi within = 0; /* points that there are */
+    for (int l = 0; l < n; l++)
+        INT_LANE(within, l) = PW == 1 ? 1 : -1;
     counts_t count = {0};
-    for (int j = 0; j < n_lights; j++) {
-        const light_t light = lights[j];
+    for (int j = 0; j < frame->n_lights; j++) {
+        if (frame->blockers.list[2 * j + 1] == BELOW) {
+            count.below -= within;
+            continue;
+        }
+        const light_t light = frame->lights[j];
         const caps_t caps = caps_of(plus(vectors(light.center[0], light.center[1], light.center[2]), -1.0f, receivers.position),
                                     light.radius);
-        const float3 colour = (float3)(light.radiance[0], light.radiance[1], light.radiance[2]);
-        const pf over_geometric = dots(receivers.geometric, caps.a), over_shading = dots(receivers.shading, caps.a);
-        /* Points to which the light is a point, or no mask can hold it: one by one. */
-        const pi special = light.radius == 0.0f ? caps.d == caps.d
-                                                : (caps.near <= 0.0f) | (caps.tau < COS2_WIDE * caps.d * caps.d);
-        for (uint lanes = point_bits(special); lanes; lanes &= lanes - 1) {
-            const int l = lowest_bit(lanes);
-            const receiver_t receiver = receiver_lane(&receivers, l);
-            const brdf_t brdf = brdf_lane(&brdfs, l);
-            cap_t cap = cap_lane(&caps, l);
-            float diffuse = 0.0f;
-            float3 part = 0.0f;
-            if (light.radius == 0.0f) {
-                if (cap.d == 0.0f)
-                    continue;
-                part = reflected_point(&receiver, &brdf, &cap, &blockers, j, &diffuse);
-                INT_LANE(*(diffuse > 0.0f ? &count.lit : &count.dark), l) += 1;
-            } else {
-                const int inside = cap.near <= 0.0f;
-                if (inside) {
-                    cap.a = receiver.geometric;
-                    cap.cosine = 0.0f;
-                    cap.sine = 1.0f;
-                }
-                cap.depth = 1.0f - cap.cosine;
-                part = reflected_wide(&receiver, &brdf, &cap, &blockers, j, inside, &diffuse);
-                INT_LANE(count.partial, l) += 1;
-            }
-            add_lane(&sum, l, colour * part);
-            add_lane(&arriving, l, colour * diffuse);
-        }
-        const pi below = (over_geometric <= -caps.sine) | (over_shading <= -caps.sine);
-        const pi seen = (special == 0) & (below == 0);
-        count.below -= (special == 0) & below;
-        if (!point_bits(seen))
-            continue;
-
-        pf terms[1 + MAX_LOBES];
-        const pi cut = over_shading < caps.sine;
-        terms[0] = whole_diffuse(&caps, over_shading);
-        const pf3 kd = brdfs.kd;
-        for (int k = 0; k < brdfs.n_lobes; k++) {
-            const bound_lobes_t *lobe = &brdfs.lobes[k];
-            pf3 normal = receivers.shading;
-            normal.x = select(normal.x, lobe->axis.x, cut);
-            normal.y = select(normal.y, lobe->axis.y, cut);
-            normal.z = select(normal.z, lobe->axis.z, cut);
-            terms[1 + k] = lobe_over_cap(slices, lobe->slice, lobe->exponent, lobe->axis, normal, caps.a, caps.sine, caps.depth,
-                                         lobe->cosine);
-            if (threshold > 0.0f)
-                terms[1 + k] = select((pf)(0.0f), terms[1 + k], largest_of(lobe->colour) * terms[1 + k] >= threshold);
-        }
-        const pf useful = select((pf)(1.0f), (pf)(0.0f), largest_of(kd) * terms[0] < (threshold > 0.0f ? threshold : -INFINITY));
-        pi state = LIT;
-        pi to_do = seen;
-        if (n_groups == 0 && !UNIT_LIGHTS)
-            to_do &= (over_geometric < caps.sine) | cut;
-        for (uint lanes = point_bits(to_do); lanes; lanes &= lanes - 1) {
-            const int l = lowest_bit(lanes);
-            const receiver_t receiver = receiver_lane(&receivers, l);
-            const brdf_t brdf = brdf_lane(&brdfs, l);
-            const cap_t cap = cap_lane(&caps, l);
-            float own[1 + MAX_LOBES];
-            for (int k = 0; k <= brdf.n_lobes; k++)
-                own[k] = LANE(terms[k], l);
-            work_t work = {0};
-            INT_LANE(state, l) = shadow(own, &receiver, &brdf, &cap, &blockers, j, &tables, disk, threshold, &work);
-            for (int k = 0; k <= brdf.n_lobes; k++)
-                LANE(terms[k], l) = own[k];
-            INT_LANE(count.splats, l) += work.splats;
-            INT_LANE(count.products, l) += work.products;
-            INT_LANE(count.leaves, l) += work.leaves;
-        }
-        const pi shaded = seen & (state != DARK);
-        count.lit -= seen & (state == LIT);
-        count.partial -= seen & (state == PARTIAL);
-        count.dark -= seen & (state == DARK);
-        count.products -= shaded * (1 + brdfs.n_lobes);
-        pf3 part = scaled(brdfs.kd, useful * terms[0]);
-        for (int k = 0; k < brdfs.n_lobes; k++)
-            part = plus(part, terms[1 + k], brdfs.lobes[k].colour);
-        sum.x += select((pf)(0.0f), colour.x * part.x, shaded);
-        sum.y += select((pf)(0.0f), colour.y * part.y, shaded);
-        sum.z += select((pf)(0.0f), colour.z * part.z, shaded);
-        const pf diffuse = select((pf)(0.0f), terms[0], shaded);
-        arriving = plus(arriving, diffuse, vectors(colour.x, colour.y, colour.z));
+        pi special = within;
+        if (light.radius > 0.0f)
+            special &= (caps.near <= 0.0f) | (caps.tau < COS2_WIDE * caps.d * caps.d);
+        add_special(frame, j, special, &receivers, &brdfs, &caps, &sum, &arriving, &count);
+        add_light(frame, j, within & (special == 0), &receivers, &brdfs, &caps, &sum, &arriving, &count);
     }
-    store_points(sum, n, radiance + 3 * first);
+    store_points(sum, n, frame->radiance + 3 * first);
 #if IRRADIANCE
-    store_points(arriving, n, irradiance + 3 * first);
+    store_points(arriving, n, frame->irradiance + 3 * first);
 #endif
-    for (int l = 0; l < n; l++) {
-        const stats_t own = {INT_LANE(count.lit, l), INT_LANE(count.partial, l), INT_LANE(count.dark, l), INT_LANE(count.below, l),
-                             INT_LANE(count.splats, l), INT_LANE(count.products, l), INT_LANE(count.leaves, l)};
-        stats[first + l] = own;
+#if WORK
+    for (int l = 0; l < n; l++)
+        frame->work[first + l] = (uint2)(INT_LANE(count.products, l), INT_LANE(count.leaves, l));
+#endif
+    const stats_t all = {point_sum(count.lit), point_sum(count.partial), point_sum(count.dark), point_sum(count.below),
+                         point_sum(count.listed), point_sum(count.splats), point_sum(count.products), point_sum(count.leaves)};
+    return all;
+}
+
+__kernel __attribute__((reqd_work_group_size(WORK_GROUP / PW, 1, 1)))
+void shade(__global const point_t *points, const int n_points, __global const float *tangents,
+           const float eye_x, const float eye_y, const float eye_z,
+           __global const material_t *materials, __global const lobe_t *lobes,
+           __global const float4 *slices, __global const float *product_table,
+           __global const float *cap_table, __global const float *weights,
+           __global const light_t *lights, const int n_lights, const float threshold,
+           __global const float *x, __global const float *y, __global const float *z,
+           __global const float *radius, __global const float *outside, __global const int *owner,
+           __global const float *group_x, __global const float *group_y, __global const float *group_z,
+           __global const float *group_radius, const int n_groups, __constant uint *disk, __local int *list,
+           __global float *radiance, __global stats_t *stats, __global float *irradiance, __global uint2 *work)
+{
+    __local frame_t frame;
+    __local float near[6 * NEAR_ROOM];
+    __local stats_t counts[WORK_GROUP / PW];
+    const int first = get_group_id(0) * WORK_GROUP, lane = get_local_id(0), own = first + lane * PW;
+    if (lane == 0) {
+        frame.points = points;
+        frame.tangents = tangents;
+        frame.materials = materials;
+        frame.lobes = lobes;
+        frame.slices = slices;
+        frame.lights = lights;
+        frame.disk = disk;
+        frame.radiance = radiance;
+        frame.irradiance = irradiance;
+        frame.work = work;
+        frame.eye = (float3)(eye_x, eye_y, eye_z);
+        frame.threshold = threshold;
+        frame.n_points = n_points;
+        frame.n_lights = n_lights;
+        frame.tables.products = product_table;
+        frame.tables.caps = cap_table;
+        frame.tables.weights = weights;
+        frame.blockers.x = x;
+        frame.blockers.y = y;
+        frame.blockers.z = z;
+        frame.blockers.radius = radius;
+        frame.blockers.outside = outside;
+        frame.blockers.owner = owner;
+        frame.blockers.group_x = group_x;
+        frame.blockers.group_y = group_y;
+        frame.blockers.group_z = group_z;
+        frame.blockers.group_radius = group_radius;
+        frame.blockers.n_groups = n_groups;
+        frame.blockers.near = near;
+        frame.blockers.list = list;
+        list_near(&frame.blockers, points + first, min(WORK_GROUP, n_points - first), lights, n_lights, near, list);
     }
+    barrier(CLK_LOCAL_MEM_FENCE);
+    const stats_t nothing = {0};
+    counts[lane] = own < n_points ? shade_points(&frame, own) : nothing;
+    barrier(CLK_LOCAL_MEM_FENCE);
+    if (lane == 0)
+        stats[get_group_id(0)] = sum_of_stats(counts);
 }
