@@ -6,15 +6,12 @@ from coslobe.core.device import struct_declaration
 
 _F3 = (np.float32, (3,))
 
-POINT = np.dtype(
-    [
-        ("position", *_F3),  # relative to the frame's origin
-        ("geometric", *_F3),
-        ("shading", *_F3),
-        ("material", np.int32),
-        ("object", np.int32),
-        ("turn", np.float32),  # of the point's masks, as a fraction of a full turn
-    ]
+# What is known of points, one row of 4-byte numbers for each, so that vectors hold neighbours.
+POINT_ROWS = (
+    *("position_x", "position_y", "position_z"),  # relative to the frame's origin
+    *("geometric_x", "geometric_y", "geometric_z", "shading_x", "shading_y", "shading_z"),
+    "turn",  # of the point's masks, as a fraction of a full turn
+    *("material", "object"),  # int32
 )
 MATERIAL = np.dtype(
     [
@@ -38,7 +35,10 @@ LIGHT = np.dtype([("center", *_F3), ("radius", np.float32), ("radiance", *_F3)])
 # Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe products computed,
 # mask leaves integrated.
 STATS = np.dtype(
-    [(name, np.uint32) for name in ("lit", "partial", "dark", "below", "listed", "splats", "products", "leaves")]
+    [
+        (name, np.uint32)
+        for name in ("lit", "partial", "dark", "below", "listed", "splats", "products", "leaves")
+    ]
 )
 
 WORK_GROUP = 64  # points, an 8x8 tile of pixels where all of them hit something
@@ -60,6 +60,11 @@ inline stats_t sum_of_stats(const __local stats_t *counts)
 """
 
 
+def padded(n: int) -> int:
+    """Room for n points in whole work-groups; points beyond the last are copies of it."""
+    return -(-n // WORK_GROUP) * WORK_GROUP
+
+
 def emitter_owner(light: int) -> int:
     """Owner of the sphere that stands for a light among the blockers of the other lights."""
     return FIRST_EMITTER - light
@@ -68,7 +73,6 @@ def emitter_owner(light: int) -> int:
 def declarations() -> str:
     """OpenCL C for everything above."""
     structs = {
-        "point_t": POINT,
         "material_t": MATERIAL,
         "lobe_t": LOBE,
         "light_t": LIGHT,
@@ -77,6 +81,7 @@ def declarations() -> str:
     return (
         "".join(struct_declaration(name, dtype) for name, dtype in structs.items())
         + _SUM_OF_STATS
+        + f"enum {{ {', '.join(POINT_ROWS).upper()} }};\n"
         + f"#define GROUP {GROUP}\n#define WORK_GROUP {WORK_GROUP}\n#define NEAR_ROOM {NEAR_ROOM}\n"
         + f"#define EMITTER_OWNER(light) ({FIRST_EMITTER} - (light))\n"
     )

@@ -12,18 +12,41 @@ typedef struct {
     float3 low, high, normal_low, normal_high;
 } bounds_t;
 
-inline bounds_t bounds_of(__global const point_t *points, int n)
+inline float least(vf v)
 {
-    bounds_t b;
-    b.low = b.high = vload3(0, points[0].position);
-    b.normal_low = b.normal_high = vload3(0, points[0].geometric);
-    for (int i = 1; i < n; i++) {
-        const float3 position = vload3(0, points[i].position), normal = vload3(0, points[i].geometric);
-        b.low = fmin(b.low, position);
-        b.high = fmax(b.high, position);
-        b.normal_low = fmin(b.normal_low, normal);
-        b.normal_high = fmax(b.normal_high, normal);
+#if VW == 16
+    const float8 a = fmin(v.lo, v.hi);
+    const float4 b = fmin(a.lo, a.hi);
+#elif VW == 8
+    const float4 b = fmin(v.lo, v.hi);
+#else
+    const float4 b = v;
+#endif
+    const float2 c = fmin(b.lo, b.hi);
+    return fmin(c.x, c.y);
+}
+
+/* The least of each of three rows of a work-group's points, or the least of `sign` times them. */
+inline float3 least_of(__global const float *rows, int stride, float sign)
+{
+    vf x = sign * VF_LOAD(rows), y = sign * VF_LOAD(rows + stride), z = sign * VF_LOAD(rows + 2 * stride);
+    for (int i = VW; i < WORK_GROUP; i += VW) {
+        x = fmin(x, sign * VF_LOAD(rows + i));
+        y = fmin(y, sign * VF_LOAD(rows + stride + i));
+        z = fmin(z, sign * VF_LOAD(rows + 2 * stride + i));
     }
+    return (float3)(least(x), least(y), least(z));
+}
+
+/* Of the points of a work-group, whose rows begin at `points`. */
+inline bounds_t bounds_of(__global const float *points, int stride)
+{
+    __global const float *positions = points + POSITION_X * stride, *normals = points + GEOMETRIC_X * stride;
+    bounds_t b;
+    b.low = least_of(positions, stride, 1.0f);
+    b.high = -least_of(positions, stride, -1.0f);
+    b.normal_low = least_of(normals, stride, 1.0f);
+    b.normal_high = -least_of(normals, stride, -1.0f);
     return b;
 }
 
@@ -59,12 +82,12 @@ inline int append_near(const __local blockers_t *blockers, const cap_t *cap, int
     return count;
 }
 
-/* Fills `near` and `list` for the `n` points of a work-group. */
+/* Fills `near` and `list` for the points of a work-group, whose rows begin at `points`. */
 __attribute__((noinline))
-void list_near(const __local blockers_t *blockers, __global const point_t *points, int n, __global const light_t *lights, int n_lights,
+void list_near(const __local blockers_t *blockers, __global const float *points, int stride, __global const light_t *lights, int n_lights,
                       __local float *near, __local int *list)
 {
-    const bounds_t bounds = bounds_of(points, n);
+    const bounds_t bounds = bounds_of(points, stride);
     const float3 p = 0.5f * (bounds.low + bounds.high);
     const float slack = 1.0001f * length(bounds.high - p);
     int count = 0;

@@ -38,26 +38,24 @@ inline pf lobe_over_cap(__global const float4 *slices, pi slice, pf e, pf3 r, pf
     const pf z = clamp((theta - first) / (last - first) * (ANGLES - 1), 0.0f, (float)(ANGLES - 1));
     const pi k = min(TO_PI(z), ANGLES - 2);
     const pf f = z - TO_PF(k), g = 1.0f - f;
-    pf values[8] = {0};
+    float4 near[PW], far[PW];
     for (uint lanes = point_bits(reached); lanes; lanes &= lanes - 1) {
         const int l = lowest_bit(lanes);
         const float4 w = (float4)(LANE(w0, l), LANE(w1, l), LANE(w2, l), LANE(w3, l));
         const float8 v = along_caps(slices + INT_LANE(slice, l) * (CAPS * ANGLES), INT_LANE(j, l), INT_LANE(k, l), w);
-        LANE(values[0], l) = v.s0;
-        LANE(values[1], l) = v.s1;
-        LANE(values[2], l) = v.s2;
-        LANE(values[3], l) = v.s3;
-        LANE(values[4], l) = v.s4;
-        LANE(values[5], l) = v.s5;
-        LANE(values[6], l) = v.s6;
-        LANE(values[7], l) = v.s7;
+        near[l] = v.lo;
+        far[l] = v.hi;
     }
-    const pf log_t = g * g * ((1.0f + 2.0f * f) * values[0] + f * values[1])
-                   + f * f * ((3.0f - 2.0f * f) * values[4] - g * values[5]);
+    pf p[4], q[4];
+    columns_of(near, p);
+    columns_of(far, q);
+    const pf log_t = g * g * ((1.0f + 2.0f * f) * p[0] + f * p[1])
+                   + f * f * ((3.0f - 2.0f * f) * q[0] - g * q[1]);
     const pf cap = 2.0f * M_PI_F * depth, whole = 2.0f * M_PI_F / (e + 1.0f);
     /* Below e = 1 the samples overshoot where the lobe's hemisphere ends within a small cap; no lobe exceeds the cap. */
-    const pf integral = select((pf)(0.0f), fmin(exp_points(log_t) * whole / (cap + whole), 1.0f) * cap, reached);
-    const pf along = g * values[2] + f * values[6], towards = g * values[3] + f * values[7];
+    const pf integral = fmin(exp_points(log_t) * whole / (cap + whole), 1.0f) * cap;
+    const pf along = g * p[2] + f * q[2], towards = g * p[3] + f * q[3];
     const pf nr = dots(n, r), cosine = 1.0f - 0.5f * chord2;
-    return select(integral, integral * fmax(along * nr + towards * (dots(n, a) - cosine * nr), 0.0f), with_cosine != 0);
+    const pf with = integral * fmax(along * nr + towards * (dots(n, a) - cosine * nr), 0.0f);
+    return select((pf)(0.0f), select(integral, with, with_cosine != 0), reached);
 }

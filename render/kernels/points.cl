@@ -14,6 +14,12 @@ typedef POINTS(int) pi;
 #define AS_PI POINTS(as_int)
 #define AS_PF POINTS(as_float)
 
+#if PW == 1
+#define PF_LOAD(p) (*(p))
+#else
+#define PF_LOAD(p) CAT(vload, PW)(0, p)
+#endif
+
 /* The value of one point, to be read or written. */
 #define LANE(v, l) (((__private float *)&(v))[l])
 #define INT_LANE(v, l) (((__private int *)&(v))[l])
@@ -21,6 +27,13 @@ typedef POINTS(int) pi;
 typedef struct {
     pf x, y, z;
 } pf3;
+
+/* Three rows of numbers. */
+inline pf3 load3(__global const float *rows, int stride)
+{
+    const pf3 v = {PF_LOAD(rows), PF_LOAD(rows + stride), PF_LOAD(rows + 2 * stride)};
+    return v;
+}
 
 inline pf dots(pf3 a, pf3 b)
 {
@@ -78,4 +91,24 @@ inline int point_sum(pi v)
     for (int l = 0; l < PW; l++)
         sum += INT_LANE(v, l);
     return sum;
+}
+
+/* The four columns of a table that has a row of four numbers for each point. */
+inline void columns_of(const float4 *rows, pf *columns)
+{
+#if PW == 1
+    columns[0] = rows[0].x;
+    columns[1] = rows[0].y;
+    columns[2] = rows[0].z;
+    columns[3] = rows[0].w;
+#else
+    const float *numbers = (const float *)rows;
+    const pf a = PF_LOAD(numbers), b = PF_LOAD(numbers + PW), c = PF_LOAD(numbers + 2 * PW), d = PF_LOAD(numbers + 3 * PW);
+    const pf even1 = (pf)(a.even, b.even), even2 = (pf)(c.even, d.even);
+    const pf odd1 = (pf)(a.odd, b.odd), odd2 = (pf)(c.odd, d.odd);
+    columns[0] = (pf)(even1.even, even2.even);
+    columns[1] = (pf)(odd1.even, odd2.even);
+    columns[2] = (pf)(even1.odd, even2.odd);
+    columns[3] = (pf)(odd1.odd, odd2.odd);
+#endif
 }

@@ -3,7 +3,7 @@
 
 /* What all points of a frame share. */
 typedef struct {
-    __global const point_t *points;
+    __global const float *points; /* rows of `stride` numbers, whole work-groups */
     __global const float *tangents;
     __global const material_t *materials;
     __global const lobe_t *lobes;
@@ -14,7 +14,7 @@ typedef struct {
     __global uint2 *work;
     float3 eye;
     float threshold;
-    int n_points, n_lights;
+    int n_points, stride, n_lights;
     tables_t tables;
     blockers_t blockers;
 } frame_t;
@@ -31,24 +31,15 @@ typedef struct {
     pi object, material;
 } receivers_t;
 
-inline receivers_t load_points(__global const point_t *points, int n)
+inline receivers_t load_points(__global const float *rows, int stride)
 {
     receivers_t r;
-    for (int l = 0; l < PW; l++) {
-        __global const point_t *p = points + min(l, n - 1);
-        LANE(r.position.x, l) = p->position[0];
-        LANE(r.position.y, l) = p->position[1];
-        LANE(r.position.z, l) = p->position[2];
-        LANE(r.geometric.x, l) = p->geometric[0];
-        LANE(r.geometric.y, l) = p->geometric[1];
-        LANE(r.geometric.z, l) = p->geometric[2];
-        LANE(r.shading.x, l) = p->shading[0];
-        LANE(r.shading.y, l) = p->shading[1];
-        LANE(r.shading.z, l) = p->shading[2];
-        LANE(r.turn, l) = p->turn;
-        INT_LANE(r.object, l) = p->object;
-        INT_LANE(r.material, l) = p->material;
-    }
+    r.position = load3(rows + POSITION_X * stride, stride);
+    r.geometric = load3(rows + GEOMETRIC_X * stride, stride);
+    r.shading = load3(rows + SHADING_X * stride, stride);
+    r.turn = PF_LOAD(rows + TURN * stride);
+    r.material = AS_PI(PF_LOAD(rows + MATERIAL * stride));
+    r.object = AS_PI(PF_LOAD(rows + OBJECT * stride));
     return r;
 }
 
@@ -76,9 +67,9 @@ inline void add_lane(pf3 *sum, int l, float3 v)
     LANE(sum->z, l) += v.z;
 }
 
-inline void store_points(pf3 v, int n, __global float *out)
+inline void store_points(pf3 v, __global float *out)
 {
-    for (int l = 0; l < n; l++)
+    for (int l = 0; l < PW; l++)
         vstore3(vector_lane(&v, l), l, out);
 }
 
@@ -193,7 +184,7 @@ __attribute__((noinline))
 stats_t shade_points(const __local frame_t *frame, int first)
 {
     const int n = min(PW, frame->n_points - first);
-    const receivers_t receivers = load_points(frame->points + first, n);
+    const receivers_t receivers = load_points(frame->points + first, frame->stride);
     pf3 sum = vectors(0.0f, 0.0f, 0.0f), arriving = sum, tangent = sum;
 #if ANISOTROPIC
     for (int l = 0; l < n; l++)
@@ -220,12 +211,12 @@ stats_t shade_points(const __local frame_t *frame, int first)
         add_special(frame, j, special, &receivers, &brdfs, &caps, &sum, &arriving, &count);
         add_light(frame, j, within & (special == 0), &receivers, &brdfs, &caps, &sum, &arriving, &count);
     }
-    store_points(sum, n, frame->radiance + 3 * first);
+    store_points(sum, frame->radiance + 3 * first);
 #if IRRADIANCE
-    store_points(arriving, n, frame->irradiance + 3 * first);
+    store_points(arriving, frame->irradiance + 3 * first);
 #endif
 #if WORK
-    for (int l = 0; l < n; l++)
+    for (int l = 0; l < PW; l++)
         frame->work[first + l] = (uint2)(INT_LANE(count.products, l), INT_LANE(count.leaves, l));
 #endif
     const stats_t all = {point_sum(count.lit), point_sum(count.partial), point_sum(count.dark), point_sum(count.below),
@@ -234,7 +225,7 @@ stats_t shade_points(const __local frame_t *frame, int first)
 }
 
 __kernel __attribute__((reqd_work_group_size(WORK_GROUP / PW, 1, 1)))
-void shade(__global const point_t *points, const int n_points, __global const float *tangents,
+void shade(__global const float *points, const int n_points, __global const float *tangents,
            const float eye_x, const float eye_y, const float eye_z,
            __global const material_t *materials, __global const lobe_t *lobes,
            __global const float4 *slices, __global const float *product_table,
@@ -264,6 +255,7 @@ void shade(__global const point_t *points, const int n_points, __global const fl
         frame.eye = (float3)(eye_x, eye_y, eye_z);
         frame.threshold = threshold;
         frame.n_points = n_points;
+        frame.stride = get_num_groups(0) * WORK_GROUP;
         frame.n_lights = n_lights;
         frame.tables.products = product_table;
         frame.tables.caps = cap_table;
@@ -281,7 +273,7 @@ void shade(__global const point_t *points, const int n_points, __global const fl
         frame.blockers.n_groups = n_groups;
         frame.blockers.near = near;
         frame.blockers.list = list;
-        list_near(&frame.blockers, points + first, min(WORK_GROUP, n_points - first), lights, n_lights, near, list);
+        list_near(&frame.blockers, points + first, frame.stride, lights, n_lights, near, list);
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     const stats_t nothing = {0};

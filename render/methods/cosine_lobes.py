@@ -157,17 +157,18 @@ class CosineLobes:
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
-        n_groups = -(-n // layout.WORK_GROUP)
-        radiance = device.allocate(n * 3 * 4)
-        arriving = device.allocate(n * 3 * 4 if irradiance else 16)
-        work = device.allocate(n * 2 * 4 if work_asked else 16)
+        room = layout.padded(n)
+        n_groups = room // layout.WORK_GROUP
+        radiance = device.allocate(room * 3 * 4)
+        arriving = device.allocate(room * 3 * 4 if irradiance else 16)
+        work = device.allocate(room * 2 * 4 if work_asked else 16)
         stats = device.allocate(n_groups * layout.STATS.itemsize)
         nothing = device.allocate(16)
         # The kernel object keeps references to buffers only while arguments are set, so they live here.
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            n_groups * layout.WORK_GROUP // device.info.vector_width,
+            room // device.info.vector_width,
             layout.WORK_GROUP // device.info.vector_width,
             points,
             np.int32(n),
@@ -223,13 +224,12 @@ class CosineLobes:
             return self._points[2:]
         every = -(-len(gbuffer.position) // 4096)  # a few thousand of them tell as much
         origin = np.median(gbuffer.position[::every], axis=0)
-        packed = np.empty(len(gbuffer.position), layout.POINT)
-        packed["position"] = gbuffer.position - origin
-        packed["geometric"] = gbuffer.geometric_normal
-        packed["shading"] = gbuffer.shading_normal
-        packed["material"] = material
-        packed["object"] = gbuffer.object
-        packed["turn"] = turns(gbuffer.pixel, gbuffer.width)
+        index = np.minimum(np.arange(layout.padded(len(gbuffer.position))), len(gbuffer.position) - 1)
+        numbers = [(gbuffer.position - origin).T, gbuffer.geometric_normal.T, gbuffer.shading_normal.T]
+        packed = np.empty((len(layout.POINT_ROWS), len(index)), np.float32)
+        packed[:9] = np.concatenate(numbers)[:, index]
+        packed[9] = turns(gbuffer.pixel, gbuffer.width)[index]
+        packed[10:].view(np.int32)[:] = np.stack([material, gbuffer.object])[:, index]
         self._points = (gbuffer, material, self._device.upload(packed), origin)
         return self._points[2:]
 
