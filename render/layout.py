@@ -52,7 +52,7 @@ _SUM_OF_STATS = f"""\
 inline stats_t sum_of_stats(const __local stats_t *counts)
 {{
     stats_t sum = counts[0];
-    for (int k = 1; k < {WORK_GROUP}; k++) {{
+    for (int k = 1; k < {WORK_GROUP} / PW; k++) {{
         {" ".join(f"sum.{name} += counts[k].{name};" for name in STATS.names or ())}
     }}
     return sum;

@@ -30,6 +30,11 @@ typedef struct {
     __global const float *products, *caps, *weights;
 } tables_t;
 
+/* What a point and light took. */
+typedef struct {
+    uint splats, products, leaves;
+} work_t;
+
 enum { LIT = 0, PARTIAL = 1, DARK = 2 };
 
 /* Squared distances from the light's axis of spheres whose centres lie `along` it. Not |o|^2 - along^2, which cancels:

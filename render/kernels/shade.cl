@@ -1,8 +1,7 @@
-/* Direct light at one point per work-item; the points of a work-group share lists of blockers. What a light adds is the
-   business of the estimator: accurate.cl or paper.cl define `reflected`. */
+/* Direct light at PW points per work-item. What of a light's terms the blockers leave is the business of the estimator:
+   accurate.cl or paper.cl define `whole_diffuse` and `shadow`. */
 
-/* What all points have in common. Work-groups keep it in local memory: private variables of a kernel with barriers are
-   copied for each of its work-items. */
+/* What all points of a frame share. */
 typedef struct {
     __global const point_t *points;
     __global const float *tangents;
@@ -15,86 +14,226 @@ typedef struct {
     __global uint2 *work;
     float3 eye;
     float threshold;
-    int n_lights;
-    blockers_t blockers;
+    int n_points, n_lights;
     tables_t tables;
+    blockers_t blockers;
 } frame_t;
 
-/* Light of all sources that leaves the point, and, in `arriving`, that arrives on its diffuse side. */
-inline float3 light_point(const __local frame_t *frame, const receiver_t *receiver, const brdf_t *brdf, stats_t *count,
-                          float3 *arriving)
+/* Lights by how points see them, and the work that this took; see layout.STATS. */
+typedef struct {
+    pi lit, partial, dark, below, listed, splats, products, leaves;
+} counts_t;
+
+/* The points of a work-item. */
+typedef struct {
+    pf3 position, geometric, shading;
+    pf turn;
+    pi object, material;
+} receivers_t;
+
+inline receivers_t load_points(__global const point_t *points, int n)
 {
-    const __local blockers_t *blockers = &frame->blockers;
-    float3 sum = 0.0f;
-    for (int j = 0; j < frame->n_lights; j++) {
-        if (blockers->list[2 * j + 1] == BELOW) {
-            count->below++;
-            continue;
-        }
-        const light_t light = frame->lights[j];
-        const float3 colour = vload3(0, light.radiance);
-        cap_t cap = cap_of(vload3(0, light.center) - receiver->position, light.radius);
+    receivers_t r;
+    for (int l = 0; l < PW; l++) {
+        __global const point_t *p = points + min(l, n - 1);
+        LANE(r.position.x, l) = p->position[0];
+        LANE(r.position.y, l) = p->position[1];
+        LANE(r.position.z, l) = p->position[2];
+        LANE(r.geometric.x, l) = p->geometric[0];
+        LANE(r.geometric.y, l) = p->geometric[1];
+        LANE(r.geometric.z, l) = p->geometric[2];
+        LANE(r.shading.x, l) = p->shading[0];
+        LANE(r.shading.y, l) = p->shading[1];
+        LANE(r.shading.z, l) = p->shading[2];
+        LANE(r.turn, l) = p->turn;
+        INT_LANE(r.object, l) = p->object;
+        INT_LANE(r.material, l) = p->material;
+    }
+    return r;
+}
+
+inline receiver_t receiver_lane(const receivers_t *receivers, int l)
+{
+    receiver_t receiver;
+    receiver.position = vector_lane(&receivers->position, l);
+    receiver.geometric = vector_lane(&receivers->geometric, l);
+    receiver.shading = vector_lane(&receivers->shading, l);
+    receiver.object = INT_LANE(receivers->object, l);
+    receiver.turn = LANE(receivers->turn, l);
+    return receiver;
+}
+
+inline pf3 vectors(float x, float y, float z)
+{
+    const pf3 v = {x, y, z};
+    return v;
+}
+
+inline void add_lane(pf3 *sum, int l, float3 v)
+{
+    LANE(sum->x, l) += v.x;
+    LANE(sum->y, l) += v.y;
+    LANE(sum->z, l) += v.z;
+}
+
+inline void store_points(pf3 v, int n, __global float *out)
+{
+    for (int l = 0; l < n; l++)
+        vstore3(vector_lane(&v, l), l, out);
+}
+
+inline pf3 choose(pf3 a, pf3 b, pi second)
+{
+    const pf3 r = {select(a.x, b.x, second), select(a.y, b.y, second), select(a.z, b.z, second)};
+    return r;
+}
+
+/* Adds light `j` where it is a point, or no mask can hold it, to the `chosen` points one by one. */
+inline void add_special(const __local frame_t *frame, int j, pi chosen, const receivers_t *receivers, const brdfs_t *brdfs,
+                        const caps_t *caps, pf3 *sum, pf3 *arriving, counts_t *count)
+{
+    const float3 colour = vload3(0, frame->lights[j].radiance);
+    for (uint lanes = point_bits(chosen); lanes; lanes &= lanes - 1) {
+        const int l = lowest_bit(lanes);
+        const receiver_t receiver = receiver_lane(receivers, l);
+        const brdf_t brdf = brdf_lane(brdfs, l);
+        cap_t cap = cap_lane(caps, l);
         float diffuse = 0.0f;
         float3 part = 0.0f;
-        if (light.radius == 0.0f) {
+        if (cap.radius2 == 0.0f) {
             if (cap.d == 0.0f)
                 continue;
-            part = reflected_point(receiver, brdf, &cap, blockers, j, &diffuse);
-            *(diffuse > 0.0f ? &count->lit : &count->dark) += 1;
-        } else if (cap.near <= 0.0f || cap.tau < COS2_WIDE * cap.d * cap.d) {
+            part = reflected_point(&receiver, &brdf, &cap, &frame->blockers, j, &diffuse);
+            INT_LANE(*(diffuse > 0.0f ? &count->lit : &count->dark), l) += 1;
+        } else {
             const int inside = cap.near <= 0.0f;
             if (inside) {
-                cap.a = receiver->geometric;
+                cap.a = receiver.geometric;
                 cap.sine = 1.0f;
                 cap.cosine = 0.0f;
             }
             cap.depth = 1.0f - cap.cosine;
-            part = reflected_wide(receiver, brdf, &cap, blockers, j, inside, &diffuse);
-            count->partial++;
-        } else {
-            count->listed += max(blockers->list[2 * j + 1], 0);
-            part = reflected(receiver, brdf, &cap, blockers, j, &frame->tables, frame->disk, frame->threshold, count, &diffuse);
+            part = reflected_wide(&receiver, &brdf, &cap, &frame->blockers, j, inside, &diffuse);
+            INT_LANE(count->partial, l) += 1;
         }
-        sum += colour * part;
-        *arriving += colour * diffuse;
+        add_lane(sum, l, colour * part);
+        add_lane(arriving, l, colour * diffuse);
     }
-    return sum;
 }
 
-__attribute__((noinline))
-stats_t shade_point(const __local frame_t *frame, int i)
+/* Integrals of BRDF times cosine over a light's caps as if nothing blocked them: the diffuse one, then those of the lobes.
+   Lobes below the threshold are 0. */
+inline void whole_terms(pf *terms, const __local frame_t *frame, const receivers_t *receivers, const brdfs_t *brdfs,
+                        const caps_t *caps, pf over_shading)
 {
-    const point_t point = frame->points[i];
-    const material_t material = frame->materials[point.material];
-    receiver_t receiver;
-    receiver.position = vload3(0, point.position);
-    receiver.geometric = vload3(0, point.geometric);
-    receiver.shading = vload3(0, point.shading);
-    receiver.object = point.object;
-    receiver.turn = point.turn;
-    brdf_t brdf;
-    brdf.kd = vload3(0, material.kd);
-    brdf.n_lobes = 0;
-#if MAX_LOBES > 0
-    const float3 view = normalize(frame->eye - receiver.position);
-    const float3 tangent = ANISOTROPIC ? vload3(i, frame->tangents) : (float3)(0.0f);
-    brdf.n_lobes = material.n_lobes;
-    for (int l = 0; l < material.n_lobes; l++)
-        brdf.lobes[l] = bind_lobe(frame->lobes[material.first_lobe + l], frame->slices, view, receiver.shading, tangent);
+    terms[0] = whole_diffuse(caps, over_shading);
+    for (int k = 0; k < brdfs->n_lobes; k++) {
+        const bound_lobes_t *lobe = &brdfs->lobes[k];
+        /* Where the horizon cuts the light, with the cosine to the lobe's own axis: the cells take it to the true one. */
+        const pf3 normal = choose(receivers->shading, lobe->axis, over_shading < caps->sine);
+        const pf whole = lobe_over_cap(frame->slices, lobe->slice, lobe->exponent, lobe->axis, normal, caps->a, caps->sine,
+                                       caps->depth, lobe->cosine);
+        terms[1 + k] = select(whole, (pf)(0.0f), largest_of(lobe->colour) * whole < frame->threshold);
+    }
+}
+
+/* Adds light `j` to the `chosen` points. */
+inline void add_light(const __local frame_t *frame, int j, pi chosen, const receivers_t *receivers, const brdfs_t *brdfs,
+                      const caps_t *caps, pf3 *sum, pf3 *arriving, counts_t *count)
+{
+    const pf over_geometric = dots(receivers->geometric, caps->a), over_shading = dots(receivers->shading, caps->a);
+    const pi below = (over_geometric <= -caps->sine) | (over_shading <= -caps->sine);
+    const pi above = chosen & (below == 0);
+    const int listed = frame->blockers.list[2 * j + 1];
+    count->below -= chosen & below;
+    count->listed -= chosen * max(listed, 0);
+    if (!point_bits(above))
+        return;
+    pf terms[1 + MAX_LOBES];
+    whole_terms(terms, frame, receivers, brdfs, caps, over_shading);
+    const float least = frame->threshold > 0.0f ? frame->threshold : -INFINITY;
+    const pf useful = select((pf)(1.0f), (pf)(0.0f), largest_of(brdfs->kd) * terms[0] < least);
+    pi state = LIT, to_do = above;
+    if (listed == 0 && !UNIT_LIGHTS)
+        to_do &= (over_geometric < caps->sine) | (over_shading < caps->sine);
+    for (uint lanes = point_bits(to_do); lanes; lanes &= lanes - 1) {
+        const int l = lowest_bit(lanes);
+        const receiver_t receiver = receiver_lane(receivers, l);
+        const brdf_t brdf = brdf_lane(brdfs, l);
+        const cap_t cap = cap_lane(caps, l);
+        float own[1 + MAX_LOBES];
+        for (int k = 0; k <= brdf.n_lobes; k++)
+            own[k] = LANE(terms[k], l);
+        work_t work = {0};
+        INT_LANE(state, l) = shadow(own, &receiver, &brdf, &cap, &frame->blockers, j, &frame->tables, frame->disk,
+                                    frame->threshold, &work);
+        for (int k = 0; k <= brdf.n_lobes; k++)
+            LANE(terms[k], l) = own[k];
+        INT_LANE(count->splats, l) += work.splats;
+        INT_LANE(count->products, l) += work.products;
+        INT_LANE(count->leaves, l) += work.leaves;
+    }
+    const pi shaded = above & (state != DARK);
+    count->lit -= above & (state == LIT);
+    count->partial -= above & (state == PARTIAL);
+    count->dark -= above & (state == DARK);
+    count->products -= shaded * (1 + brdfs->n_lobes);
+    pf3 part = scaled(brdfs->kd, useful * terms[0]);
+    for (int k = 0; k < brdfs->n_lobes; k++)
+        part = plus(part, terms[1 + k], brdfs->lobes[k].colour);
+    const float3 colour = vload3(0, frame->lights[j].radiance);
+    sum->x += select((pf)(0.0f), colour.x * part.x, shaded);
+    sum->y += select((pf)(0.0f), colour.y * part.y, shaded);
+    sum->z += select((pf)(0.0f), colour.z * part.z, shaded);
+    *arriving = plus(*arriving, select((pf)(0.0f), terms[0], shaded), vectors(colour.x, colour.y, colour.z));
+}
+
+/* Shades PW points from the first on; returns what that took. */
+__attribute__((noinline))
+stats_t shade_points(const __local frame_t *frame, int first)
+{
+    const int n = min(PW, frame->n_points - first);
+    const receivers_t receivers = load_points(frame->points + first, n);
+    pf3 sum = vectors(0.0f, 0.0f, 0.0f), arriving = sum, tangent = sum;
+#if ANISOTROPIC
+    for (int l = 0; l < n; l++)
+        add_lane(&tangent, l, vload3(first + l, frame->tangents));
 #endif
-    stats_t count = {0};
-    float3 arriving = 0.0f;
-    vstore3(light_point(frame, &receiver, &brdf, &count, &arriving), i, frame->radiance);
+    pf3 view = plus(vectors(frame->eye.x, frame->eye.y, frame->eye.z), -1.0f, receivers.position);
+    view = scaled(view, rsqrt(dots(view, view)));
+    const brdfs_t brdfs = bind_brdfs(frame->materials, frame->lobes, receivers.material, view, receivers.shading, tangent);
+    pi within = 0; /* points that there are */
+    for (int l = 0; l < n; l++)
+        INT_LANE(within, l) = PW == 1 ? 1 : -1;
+    counts_t count = {0};
+    for (int j = 0; j < frame->n_lights; j++) {
+        if (frame->blockers.list[2 * j + 1] == BELOW) {
+            count.below -= within;
+            continue;
+        }
+        const light_t light = frame->lights[j];
+        const caps_t caps = caps_of(plus(vectors(light.center[0], light.center[1], light.center[2]), -1.0f, receivers.position),
+                                    light.radius);
+        pi special = within;
+        if (light.radius > 0.0f)
+            special &= (caps.near <= 0.0f) | (caps.tau < COS2_WIDE * caps.d * caps.d);
+        add_special(frame, j, special, &receivers, &brdfs, &caps, &sum, &arriving, &count);
+        add_light(frame, j, within & (special == 0), &receivers, &brdfs, &caps, &sum, &arriving, &count);
+    }
+    store_points(sum, n, frame->radiance + 3 * first);
 #if IRRADIANCE
-    vstore3(arriving, i, frame->irradiance);
+    store_points(arriving, n, frame->irradiance + 3 * first);
 #endif
 #if WORK
-    frame->work[i] = (uint2)(count.products, count.leaves);
+    for (int l = 0; l < n; l++)
+        frame->work[first + l] = (uint2)(INT_LANE(count.products, l), INT_LANE(count.leaves, l));
 #endif
-    return count;
+    const stats_t all = {point_sum(count.lit), point_sum(count.partial), point_sum(count.dark), point_sum(count.below),
+                         point_sum(count.listed), point_sum(count.splats), point_sum(count.products), point_sum(count.leaves)};
+    return all;
 }
 
-__kernel __attribute__((reqd_work_group_size(WORK_GROUP, 1, 1)))
+__kernel __attribute__((reqd_work_group_size(WORK_GROUP / PW, 1, 1)))
 void shade(__global const point_t *points, const int n_points, __global const float *tangents,
            const float eye_x, const float eye_y, const float eye_z,
            __global const material_t *materials, __global const lobe_t *lobes,
@@ -109,8 +248,8 @@ void shade(__global const point_t *points, const int n_points, __global const fl
 {
     __local frame_t frame;
     __local float near[7 * NEAR_ROOM];
-    __local stats_t counts[WORK_GROUP];
-    const int first = get_group_id(0) * WORK_GROUP, lane = get_local_id(0);
+    __local stats_t counts[WORK_GROUP / PW];
+    const int first = get_group_id(0) * WORK_GROUP, lane = get_local_id(0), own = first + lane * PW;
     if (lane == 0) {
         frame.points = points;
         frame.tangents = tangents;
@@ -124,6 +263,7 @@ void shade(__global const point_t *points, const int n_points, __global const fl
         frame.work = work;
         frame.eye = (float3)(eye_x, eye_y, eye_z);
         frame.threshold = threshold;
+        frame.n_points = n_points;
         frame.n_lights = n_lights;
         frame.tables.products = product_table;
         frame.tables.caps = cap_table;
@@ -145,7 +285,7 @@ void shade(__global const point_t *points, const int n_points, __global const fl
     }
     barrier(CLK_LOCAL_MEM_FENCE);
     const stats_t nothing = {0};
-    counts[lane] = first + lane < n_points ? shade_point(&frame, first + lane) : nothing;
+    counts[lane] = own < n_points ? shade_points(&frame, own) : nothing;
     barrier(CLK_LOCAL_MEM_FENCE);
     if (lane == 0)
         stats[get_group_id(0)] = sum_of_stats(counts);

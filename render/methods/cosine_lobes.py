@@ -23,7 +23,10 @@ from coslobe.tables import lobe_cap, store, weights
 from coslobe.tables.quadtree import disk
 
 # The program, in order of dependence; the estimator's units go before the last.
-UNITS = ("vector.cl", "lobe.cl", "mask.cl", "leaves.cl", "blockers.cl", "lists.cl", "materials.cl", "wide.cl")
+UNITS = (
+    *("vector.cl", "points.cl", "elementary.cl", "lobe.cl", "lobe_cap.cl", "mask.cl", "leaves.cl"),
+    *("blockers.cl", "lists.cl", "lights.cl", "materials.cl", "wide.cl"),
+)
 ESTIMATORS = {
     "accurate": ("cells.cl", "accurate.cl"),
     "paper": ("cells.cl", "tables.cl", "products.cl", "paper.cl"),
@@ -78,6 +81,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
+        "PW": vector_width,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -163,8 +167,8 @@ class CosineLobes:
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            n_groups * layout.WORK_GROUP,
-            layout.WORK_GROUP,
+            n_groups * layout.WORK_GROUP // device.info.vector_width,
+            layout.WORK_GROUP // device.info.vector_width,
             points,
             np.int32(n),
             nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),

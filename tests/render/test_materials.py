@@ -177,14 +177,17 @@ def test_narrow_lobes_mirror_the_edges_of_shadows(method, exponent):
 
 
 WRAPPER = """
-__kernel void bind_many(__global const lobe_t *lobes, __global const float *frames, __global float *out)
+__kernel void bind_many(__global const material_t *materials, __global const lobe_t *lobes,
+                        __global const float *frames, __global float *out)
 {
     const int i = get_global_id(0);
     __global const float *p = frames + 9 * i;
-    const bound_lobe_t bound = bind_lobe(lobes[i], 0, (float3)(p[0], p[1], p[2]), (float3)(p[3], p[4], p[5]),
-                                         (float3)(p[6], p[7], p[8]));
-    vstore3(bound.axis, 2 * i, out);
-    vstore3(bound.colour, 2 * i + 1, out);
+    const pi first = 0; /* the only material, with as many lobes as there are frames */
+    const lobes_t parameters = gather_lobes(materials, lobes, &first, i, i & 1);
+    const pf3 v = {p[0], p[1], p[2]}, n = {p[3], p[4], p[5]}, x = {p[6], p[7], p[8]};
+    const bound_lobes_t bound = bind_lobes(&parameters, v, n, x);
+    vstore3(vector_lane(&bound.axis, PW - 1), 2 * i, out);
+    vstore3(vector_lane(&bound.colour, PW - 1), 2 * i + 1, out);
 }
 """
 
@@ -202,7 +205,8 @@ def test_binding_a_lobe_to_a_view(device, anisotropic):
     c /= np.abs(c).max(axis=1, keepdims=True)
     lobes = [{"rho": 0.5, "c": list(row), "exponent": e} for row, e in zip(c, exponents, strict=True)]
     material = Material.model_validate({"lafortune": {"lobes": lobes}})
-    entries = pack_materials({"m": material}, points(np.zeros((1, 3)))).lobes
+    packed = pack_materials({"m": material}, points(np.zeros((1, 3))))
+    entries = packed.lobes
     normal = unit(rng.normal(size=(n, 3)))
     view = unit(rng.normal(size=(n, 3)) + normal)
     frames = np.concatenate([view, normal, perpendicular(rng.normal(size=(n, 3)), normal)], axis=1)
@@ -210,7 +214,8 @@ def test_binding_a_lobe_to_a_view(device, anisotropic):
     defines = kernel_defines(device.info.vector_width, Mask(), 1, anisotropic=anisotropic)
     program = device.build([*kernel_units("accurate"), ("wrapper", WRAPPER)], defines)
     out = device.allocate(n * 6 * 4)
-    device.launch(program.bind_many, n, None, device.upload(entries), device.upload(frames), out)
+    inputs = [device.upload(array) for array in (packed.materials, entries, frames)]
+    device.launch(program.bind_many, n, None, *inputs, out)
     found = device.download(out, (n, 2, 3), np.float32)
     for entry, frame, (axis, colour) in zip(entries, frames.astype(float), found, strict=True):
         v, m, x = (unit(part)[None] for part in np.split(frame, 3))
