@@ -1,11 +1,15 @@
 /* Lists of near blockers: of the spheres that may come between a light and any point of a work-group, which points of
    neighbouring pixels share. Made by one work-item before the points are shaded.
 
-   `near` holds NEAR_ROOM columns of six floats (x, y, z, radius, outside, owner's bits), `list` per light the first
-   column and how many there are, filled up with spheres of radius -1 to whole vectors; ALL_GROUPS where the room did not
-   suffice, BELOW where the light is below the horizon of all points. */
+   `near` holds NEAR_ROOM columns of seven floats (x, y, z, radius, outside, owner's bits, apparent size), `list` per light
+   the first column and how many there are, filled up with spheres of radius -1 to whole vectors; ALL_GROUPS where the
+   room did not suffice, BELOW where the light is below the horizon of all points. */
 #define ALL_GROUPS -1
 #define BELOW -2
+
+/* Of lists that are not short, as many of the largest spheres are tried for what they hide. */
+#define FEW_NEAR 12
+#define LARGEST_NEAR 32
 
 /* A box around points, and one around their normals. */
 typedef struct {
@@ -69,6 +73,8 @@ inline int append_near(const __local blockers_t *blockers, const cap_t *cap, int
     const vf along = ox * cap->a.x + oy * cap->a.y + oz * cap->a.z;
     const vi meets = meets_cap(cap, along, across_axis(cap, ox, oy, oz, along), ox * ox + oy * oy + oz * oz, r, slack);
     const vi owner = VI_LOAD(blockers->owner + s);
+    float size[VW];
+    VF_STORE(r * r / (ox * ox + oy * oy + oz * oz), size);
     for (uint lanes = lane_bits(meets & (owner != EMITTER_OWNER(light))); lanes; lanes &= lanes - 1) {
         const int from = s + lowest_bit(lanes);
         near[count] = blockers->x[from];
@@ -77,7 +83,69 @@ inline int append_near(const __local blockers_t *blockers, const cap_t *cap, int
         near[3 * NEAR_ROOM + count] = blockers->radius[from];
         near[4 * NEAR_ROOM + count] = blockers->outside[from];
         near[5 * NEAR_ROOM + count] = as_float(blockers->owner[from]);
+        near[6 * NEAR_ROOM + count] = size[from - s];
         count++;
+    }
+    return count;
+}
+
+/* Moves the column of the largest apparent size to the first. */
+inline void bring_largest(__local float *near, int first, int end)
+{
+    int largest = first;
+    for (int s = first + 1; s < end; s++)
+        largest = near[6 * NEAR_ROOM + s] > near[6 * NEAR_ROOM + largest] ? s : largest;
+    for (int k = 0; k < 7; k++) {
+        const float kept = near[k * NEAR_ROOM + first];
+        near[k * NEAR_ROOM + first] = near[k * NEAR_ROOM + largest];
+        near[k * NEAR_ROOM + largest] = kept;
+    }
+}
+
+/* Does column b block the whole light before it is reached, from every point where it counts as it is? A point that it
+   contains, or that lies on its own object within its bulge (own_radius), sees less of it. */
+inline int is_solid(const cap_t *cap, const __local float *near, int b, float3 p, float slack)
+{
+    const float3 o = (float3)(near[b], near[NEAR_ROOM + b], near[2 * NEAR_ROOM + b]) - p;
+    const float r = near[3 * NEAR_ROOM + b], d2 = dot(o, o), nearest = r + slack + 2.0f * near[4 * NEAR_ROOM + b];
+    const float before = cap->near - 2.0f * slack;
+    return d2 > nearest * nearest && before > 0.0f && d2 - r * r < before * before;
+}
+
+/* Drops the columns from `first` to `count` that others hide from all points; returns how many are left. A sphere scaled
+   by f about a point looks the same from there; from points up to `slack` away it moves by |1 - f| slack. So another one
+   hides it that contains it with this margin for some f. */
+inline int drop_hidden(const cap_t *cap, __local float *near, int first, int count, float3 p, float slack)
+{
+    int kept = first;
+    for (int large = 0; large < LARGEST_NEAR && first + large < count; large++) {
+        const int b = first + large;
+        bring_largest(near, b, count);
+        if (!is_solid(cap, near, b, p, slack))
+            continue;
+        const float3 ob = (float3)(near[b], near[NEAR_ROOM + b], near[2 * NEAR_ROOM + b]) - p;
+        const float rb = near[3 * NEAR_ROOM + b];
+        kept = b + 1;
+        for (int s = kept; s < count; s += VW) {
+            const vf ox = VF_LOAD(near + s) - p.x, oy = VF_LOAD(near + NEAR_ROOM + s) - p.y;
+            const vf oz = VF_LOAD(near + 2 * NEAR_ROOM + s) - p.z, r = VF_LOAD(near + 3 * NEAR_ROOM + s);
+            const vf f = (ox * ob.x + oy * ob.y + oz * ob.z) / (ox * ox + oy * oy + oz * oz);
+            const vf x = f * ox - ob.x, y = f * oy - ob.y, z = f * oz - ob.z;
+            const vf room = rb * 0.9999f - f * r - fabs(1.0f - f) * slack;
+            const vi hidden = (room > 0.0f) & (f > 0.0f) & (x * x + y * y + z * z <= room * room);
+            const int n = min(VW, count - s);
+            if (kept == s && !some(hidden)) {
+                kept += n;
+                continue;
+            }
+            for (uint lanes = lane_bits(hidden == 0) & (0xffffffffu >> (32 - n)); lanes; lanes &= lanes - 1) {
+                const int from = s + lowest_bit(lanes);
+                for (int k = 0; k < 7; k++)
+                    near[k * NEAR_ROOM + kept] = near[k * NEAR_ROOM + from];
+                kept++;
+            }
+        }
+        count = kept;
     }
     return count;
 }
@@ -117,6 +185,8 @@ void list_near(const __local blockers_t *blockers, __global const float *points,
                 }
             }
         if (fits) {
+            if (count - first >= FEW_NEAR)
+                count = drop_hidden(&cap, near, first, count, p, slack);
             list[2 * j + 1] = count - first;
             for (; count % VW; count++)
                 near[3 * NEAR_ROOM + count] = -1.0f;

@@ -179,18 +179,22 @@ inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, 
     }
 }
 
-/* Number of set bits and the sums of column positions and of y over them: six bit counts a row instead of a
-   loop over cells. x and y in the frame's units. */
+/* Number of set bits and the sums of column positions and of y over them, x and y in the frame's units. Fields of 2, 4 and
+   8 bits hold counts and sums of positions within the field, each from the two halves of the next; runtimes would count
+   the bits of a vector lane by lane. */
 inline float3 bit_moments(const ru *bits, float h)
 {
     rf count = 0.0f, column = 0.0f, row = 0.0f;
     for (int k = 0; k < NR; k++) {
-        const ru b = bits[k];
-        const rf n = TO_RF(popcount(b));
-        const ru positions = popcount(b & 0xaaaaaaaau) + 2 * popcount(b & 0xccccccccu) + 4 * popcount(b & 0xf0f0f0f0u)
-                           + 8 * popcount(b & 0xff00ff00u) + 16 * popcount(b & 0xffff0000u);
+        const ru odd = (bits[k] >> 1) & 0x55555555u, pairs = (bits[k] & 0x55555555u) + odd;
+        const ru high2 = (pairs >> 2) & 0x33333333u, nibbles = (pairs & 0x33333333u) + high2;
+        const ru at4 = (odd & 0x33333333u) + ((odd >> 2) & 0x33333333u) + (high2 << 1);
+        const ru high4 = (nibbles >> 4) & 0x0f0f0f0fu, bytes = (nibbles & 0x0f0f0f0fu) + high4;
+        const ru at8 = (at4 & 0x0f0f0f0fu) + ((at4 >> 4) & 0x0f0f0f0fu) + (high4 << 2);
+        /* Sums over the four bytes, with their own positions 0 to 3 for the columns. */
+        const rf n = TO_RF((bytes * 0x01010101u) >> 24);
         count += n;
-        column += TO_RF(positions);
+        column += TO_RF(((at8 * 0x01010101u) >> 24) + (((bytes * 0x00010203u) >> 24) << 3));
         row += n * row_centres(k);
     }
     const float n = row_sum(count);
