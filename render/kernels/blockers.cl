@@ -149,11 +149,16 @@ inline int mark_spheres(ru *mask, float3 *t, float3 *u, int *framed, const recei
     VI_STORE(e.begin, begin);
     VI_STORE(e.end, end);
     *splats += popcount(lanes);
+    ru bits[NR];
+    for (int k = 0; k < NR; k++)
+        bits[k] = mask[k];
     for (uint left = simple; left; left &= left - 1) {
         const int l = lowest_bit(left);
         const ellipse_t one = {middle[l], shear[l], offset[l], slope[l], size[l], growth[l], begin[l], end[l]};
-        splat_ellipse(mask, &one);
+        splat_ellipse(bits, &one);
     }
+    for (int k = 0; k < NR; k++)
+        mask[k] = bits[k];
     lanes &= ~simple;
     if (lanes) {
         float fx[VW], fy[VW], fz[VW], ft[VW], fr[VW];

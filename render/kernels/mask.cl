@@ -33,12 +33,14 @@ inline float column_centre(int c)
     return (c + 0.5f) * (2.0f / ROWS) - 1.0f;
 }
 
-/* The bits of cells from `low` to `high` (in cell units, 0 at the left edge) where `valid`. FIRST and LAST round by
-   the mask's mode: a cell counts where its centre, all of it, or any of it is covered. Truncation stands for ceil and
-   floor, which runtimes spell out in many instructions; it differs only where an edge is a whole number of cells. */
+#define MIDDLE (0.5f * ROWS + 0.5f) /* of a row of cells, in units of which the left edge is 1/2 */
+
+/* The bits of cells from `low` to `high`, in cell units, 1/2 at the left edge, where `valid`. FIRST and LAST round by the
+   mask's mode: a cell counts where its centre, all of it, or any of it is covered. Truncation stands for ceil and floor,
+   which runtimes spell out in many instructions; it differs only where an edge is a whole number of cells. */
 inline ru interval_bits(rf low, rf high, ri valid)
 {
-    const rf first = fmax(low + (FIRST + 1.0f), 0.0f), end = fmin(high + (LAST + 1.0f), (float)ROWS);
+    const rf first = fmax(low - (-0.5f - FIRST), 0.0f), end = fmin(high - (-0.5f - LAST), (float)ROWS);
     const ru bits = ((ru)(0xffffffffu) << AS_RU(TO_RI(first) & 31)) & ((ru)(0xffffffffu) >> AS_RU(-TO_RI(end) & 31));
     return select((ru)(0), bits, AS_RU(valid & (first < 32.0f) & (end >= 1.0f)));
 }
@@ -53,7 +55,10 @@ typedef struct {
 
 inline void splat_ellipse(ru *mask, const ellipse_t *e)
 {
-    for (int k = e->begin; k < e->end; k++) {
+#pragma unroll
+    for (int k = 0; k < NR; k++) {
+        if (k < e->begin || k >= e->end)
+            continue;
         const rf y = row_centres(k);
         const rf middle = e->middle + e->shear * y, c = e->offset - e->slope * y;
         const rf disc = e->size + e->growth * (y * y) - c * c;
@@ -78,7 +83,7 @@ inline vi ellipses_of(ellipses_t *e, float h, vf ox, vf oy, vf oz, vf tau, vf rh
     const vf a2 = ox * ox - tau, inverse = -cells / a2;
     const vf scale = inverse * sqrt(tau);
     e->shear = h * inverse * ox * oy;
-    e->middle = inverse * ox * oz + 0.5f * ROWS;
+    e->middle = inverse * ox * oz + MIDDLE;
     e->offset = scale * oy;
     e->slope = scale * oz * h;
     e->size = scale * scale * rho2;
@@ -98,7 +103,6 @@ inline void splat_outline(ru *mask, float h, float ox, float oy, float oz, float
 {
     const float a2 = ox * ox - tau;
     const float cells = 0.5f * ROWS / h;
-    const float half_row = 0.5f * ROWS;
     /* Roots in the form that survives a2 = 0. Straight ahead of a point inside the sphere they would be 0 / 0; any trace
        of ox then puts them far outside the plane. */
     ox = fabs(ox) < 1e-20f ? 1e-20f : ox;
@@ -123,7 +127,7 @@ inline void splat_outline(ru *mask, float h, float ox, float oy, float oz, float
             high = ox > 0.0f ? (rf)(INFINITY) : lower;
             valid = (ri)(-1);
         }
-        mask[k] |= interval_bits(low * cells + half_row, high * cells + half_row, valid);
+        mask[k] |= interval_bits(low * cells + MIDDLE, high * cells + MIDDLE, valid);
     }
 }
 
@@ -146,7 +150,7 @@ inline void splat_horizon(ru *mask, float h, float3 n)
     for (int k = 0; k < NR; k++) {
         const rf height = n.y * row_centres(k) * h + n.z;
         if (fabs(n.x) * h > 1e-6f * fabs(n.z)) {
-            const rf edge = -height / n.x * cells + 0.5f * ROWS;
+            const rf edge = -height / n.x * cells + MIDDLE;
             const rf low = n.x > 0.0f ? (rf)(-INFINITY) : edge, high = n.x > 0.0f ? edge : (rf)(INFINITY);
             mask[k] |= interval_bits(low, high, (ri)(-1));
         } else {
