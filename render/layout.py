@@ -1,6 +1,7 @@
 """The structs and constants that host and device share; their C declarations are generated from here."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coslobe.core.device import struct_declaration
 
@@ -13,11 +14,13 @@ POINT_ROWS = (
     "turn",  # of the point's masks, as a fraction of a full turn
     *("material", "object"),  # int32
 )
+# The device has materials and their lobes as `table` makes it of these.
 MATERIAL = np.dtype(
     [
         ("kd", *_F3),  # diffuse BRDF, 1/sr
-        ("first_lobe", np.int32),
         ("n_lobes", np.int32),
+        ("first_lobe", np.int32),
+        ("lobe_step", np.int32),  # from one lobe to the next
     ]
 )
 LOBE = np.dtype(
@@ -60,6 +63,18 @@ inline stats_t sum_of_stats(const __local stats_t *counts)
 """
 
 
+def table(structs: NDArray) -> NDArray[np.float32]:
+    """One row of 4-byte numbers for each number in a struct: neighbours in a row are neighbouring structs'."""
+    words = structs.view(np.float32).reshape(len(structs), -1)
+    return np.ascontiguousarray(words.T)
+
+
+def _rows(name: str, dtype: np.dtype) -> str:
+    """An enum of the rows at which a struct's fields begin."""
+    first = {field: dtype.fields[field][1] // 4 for field in dtype.names or () if dtype.fields}
+    return f"enum {{ {', '.join(f'{name}_{field.upper()} = {row}' for field, row in first.items())} }};\n"
+
+
 def padded(n: int) -> int:
     """Room for n points in whole work-groups; points beyond the last are copies of it."""
     return -(-n // WORK_GROUP) * WORK_GROUP
@@ -73,8 +88,6 @@ def emitter_owner(light: int) -> int:
 def declarations() -> str:
     """OpenCL C for everything above."""
     structs = {
-        "material_t": MATERIAL,
-        "lobe_t": LOBE,
         "light_t": LIGHT,
         "stats_t": STATS,
     }
@@ -82,6 +95,8 @@ def declarations() -> str:
         "".join(struct_declaration(name, dtype) for name, dtype in structs.items())
         + _SUM_OF_STATS
         + f"enum {{ {', '.join(POINT_ROWS).upper()} }};\n"
+        + _rows("MATERIAL", MATERIAL)
+        + _rows("LOBE", LOBE)
         + f"#define GROUP {GROUP}\n#define WORK_GROUP {WORK_GROUP}\n#define NEAR_ROOM {NEAR_ROOM}\n"
         + f"#define EMITTER_OWNER(light) ({FIRST_EMITTER} - (light))\n"
     )

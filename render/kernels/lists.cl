@@ -31,27 +31,31 @@ inline float least(vf v)
     return fmin(c.x, c.y);
 }
 
-/* The least of each of three rows of a work-group's points, or the least of `sign` times them. */
-inline float3 least_of(__global const float *rows, int stride, float sign)
+/* The box around three rows of a work-group's points. */
+inline void box_around(__global const float *rows, int stride, float3 *low, float3 *high)
 {
-    vf x = sign * VF_LOAD(rows), y = sign * VF_LOAD(rows + stride), z = sign * VF_LOAD(rows + 2 * stride);
-    for (int i = VW; i < WORK_GROUP; i += VW) {
-        x = fmin(x, sign * VF_LOAD(rows + i));
-        y = fmin(y, sign * VF_LOAD(rows + stride + i));
-        z = fmin(z, sign * VF_LOAD(rows + 2 * stride + i));
+    float lows[3], highs[3];
+    for (int k = 0; k < 3; k++) {
+        __global const float *row = rows + k * stride;
+        vf lowest = VF_LOAD(row), highest = lowest;
+        for (int i = VW; i < WORK_GROUP; i += VW) {
+            const vf v = VF_LOAD(row + i);
+            lowest = fmin(lowest, v);
+            highest = fmax(highest, v);
+        }
+        lows[k] = least(lowest);
+        highs[k] = -least(-highest);
     }
-    return (float3)(least(x), least(y), least(z));
+    *low = vload3(0, lows);
+    *high = vload3(0, highs);
 }
 
 /* Of the points of a work-group, whose rows begin at `points`. */
 inline bounds_t bounds_of(__global const float *points, int stride)
 {
-    __global const float *positions = points + POSITION_X * stride, *normals = points + GEOMETRIC_X * stride;
     bounds_t b;
-    b.low = least_of(positions, stride, 1.0f);
-    b.high = -least_of(positions, stride, -1.0f);
-    b.normal_low = least_of(normals, stride, 1.0f);
-    b.normal_high = -least_of(normals, stride, -1.0f);
+    box_around(points + POSITION_X * stride, stride, &b.low, &b.high);
+    box_around(points + GEOMETRIC_X * stride, stride, &b.normal_low, &b.normal_high);
     return b;
 }
 
@@ -164,6 +168,11 @@ __attribute__((noinline))
 void list_near(const __local blockers_t *blockers, __global const float *points, int stride, __global const light_t *lights, int n_lights,
                       __local float *near, __local int *list)
 {
+    if (blockers->n_groups == 0) {
+        for (int j = 0; j < 2 * n_lights; j++)
+            list[j] = 0;
+        return;
+    }
     const bounds_t bounds = bounds_of(points, stride);
     const float3 p = 0.5f * (bounds.low + bounds.high);
     const float slack = 1.0001f * length(bounds.high - p);

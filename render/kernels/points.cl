@@ -35,6 +35,18 @@ inline pf3 load3(__global const float *rows, int stride)
     return v;
 }
 
+inline pf3 vectors(float x, float y, float z)
+{
+    const pf3 v = {x, y, z};
+    return v;
+}
+
+inline pf3 choose(pf3 a, pf3 b, pi second)
+{
+    const pf3 r = {select(a.x, b.x, second), select(a.y, b.y, second), select(a.z, b.z, second)};
+    return r;
+}
+
 inline pf dots(pf3 a, pf3 b)
 {
     return a.x * b.x + a.y * b.y + a.z * b.z;
@@ -85,12 +97,67 @@ inline uint point_bits(pi chosen)
 #endif
 }
 
+inline pi point_numbers(void)
+{
+#if PW == 16
+    return (pi)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#elif PW == 8
+    return (pi)(0, 1, 2, 3, 4, 5, 6, 7);
+#elif PW == 4
+    return (pi)(0, 1, 2, 3);
+#else
+    return 0;
+#endif
+}
+
 inline int point_sum(pi v)
 {
     int sum = 0;
     for (int l = 0; l < PW; l++)
         sum += INT_LANE(v, l);
     return sum;
+}
+
+/* A table of `count` columns, one row of numbers after another. */
+typedef struct {
+    __global const float *rows;
+    int count;
+} table_t;
+
+/* How the columns that points need lie: all points need one, or they lie side by side, or anyhow. */
+enum { ONE_COLUMN, NEIGHBOURS, SCATTERED };
+
+inline int kind_of(pi columns)
+{
+#if PW == 1
+    return ONE_COLUMN;
+#else
+    const pi from_first = columns - INT_LANE(columns, 0);
+    if (!point_bits(from_first != 0))
+        return ONE_COLUMN;
+    return point_bits(from_first != point_numbers()) ? SCATTERED : NEIGHBOURS;
+#endif
+}
+
+/* One row at each point's column. */
+inline pf look_up(const __local table_t *table, int row, pi columns, int kind)
+{
+    __global const float *numbers = table->rows + row * table->count;
+    if (kind == ONE_COLUMN)
+        return numbers[INT_LANE(columns, 0)];
+    if (kind == NEIGHBOURS)
+        return PF_LOAD(numbers + INT_LANE(columns, 0));
+    pf found;
+    for (int l = 0; l < PW; l++)
+        LANE(found, l) = numbers[INT_LANE(columns, l)];
+    return found;
+}
+
+inline pf3 look_up3(const __local table_t *table, int row, pi columns, int kind)
+{
+    const pf3 v = {look_up(table, row, columns, kind), look_up(table, row + 1, columns, kind),
+                   look_up(table, row + 2, columns, kind)};
+    return v;
 }
 
 /* The four columns of a table that has a row of four numbers for each point. */

@@ -5,8 +5,7 @@
 typedef struct {
     __global const float *points; /* rows of `stride` numbers, whole work-groups */
     __global const float *tangents;
-    __global const material_t *materials;
-    __global const lobe_t *lobes;
+    table_t materials, lobes;
     __global const float4 *slices;
     __global const light_t *lights;
     __constant uint *disk;
@@ -54,12 +53,6 @@ inline receiver_t receiver_lane(const receivers_t *receivers, int l)
     return receiver;
 }
 
-inline pf3 vectors(float x, float y, float z)
-{
-    const pf3 v = {x, y, z};
-    return v;
-}
-
 inline void add_lane(pf3 *sum, int l, float3 v)
 {
     LANE(sum->x, l) += v.x;
@@ -71,12 +64,6 @@ inline void store_points(pf3 v, __global float *out)
 {
     for (int l = 0; l < PW; l++)
         vstore3(vector_lane(&v, l), l, out);
-}
-
-inline pf3 choose(pf3 a, pf3 b, pi second)
-{
-    const pf3 r = {select(a.x, b.x, second), select(a.y, b.y, second), select(a.z, b.z, second)};
-    return r;
 }
 
 /* Adds light `j` where it is a point, or no mask can hold it, to the `chosen` points one by one. */
@@ -192,7 +179,7 @@ stats_t shade_points(const __local frame_t *frame, int first)
 #endif
     pf3 view = plus(vectors(frame->eye.x, frame->eye.y, frame->eye.z), -1.0f, receivers.position);
     view = scaled(view, rsqrt(dots(view, view)));
-    const brdfs_t brdfs = bind_brdfs(frame->materials, frame->lobes, receivers.material, view, receivers.shading, tangent);
+    const brdfs_t brdfs = bind_brdfs(&frame->materials, &frame->lobes, receivers.material, view, receivers.shading, tangent);
     pi within = 0; /* points that there are */
     for (int l = 0; l < n; l++)
         INT_LANE(within, l) = PW == 1 ? 1 : -1;
@@ -227,7 +214,7 @@ stats_t shade_points(const __local frame_t *frame, int first)
 __kernel __attribute__((reqd_work_group_size(WORK_GROUP / PW, 1, 1)))
 void shade(__global const float *points, const int n_points, __global const float *tangents,
            const float eye_x, const float eye_y, const float eye_z,
-           __global const material_t *materials, __global const lobe_t *lobes,
+           __global const float *materials, const int n_materials, __global const float *lobes, const int n_lobes,
            __global const float4 *slices, __global const float *product_table,
            __global const float *cap_table, __global const float *weights,
            __global const light_t *lights, const int n_lights, const float threshold,
@@ -244,8 +231,10 @@ void shade(__global const float *points, const int n_points, __global const floa
     if (lane == 0) {
         frame.points = points;
         frame.tangents = tangents;
-        frame.materials = materials;
-        frame.lobes = lobes;
+        frame.materials.rows = materials;
+        frame.materials.count = n_materials;
+        frame.lobes.rows = lobes;
+        frame.lobes.count = n_lobes;
         frame.slices = slices;
         frame.lights = lights;
         frame.disk = disk;

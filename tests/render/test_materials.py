@@ -9,7 +9,7 @@ from coslobe.core.errors import InvalidInput
 from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres
 from coslobe.evaluate.sampling import strata
-from coslobe.render import materials
+from coslobe.render import layout, materials
 from coslobe.render.assets import Blockers
 from coslobe.render.brdf_fits import read_fit
 from coslobe.render.fields import ColourTexture, Source
@@ -177,15 +177,19 @@ def test_narrow_lobes_mirror_the_edges_of_shadows(method, exponent):
 
 
 WRAPPER = """
-__kernel void bind_many(__global const material_t *materials, __global const lobe_t *lobes,
-                        __global const float *frames, __global float *out)
+__kernel void bind_many(__global const float *lobes, const int n_lobes, __global const float *frames,
+                        __global float *out)
 {
+    __local table_t table;
+    table.rows = lobes;
+    table.count = n_lobes;
     const int i = get_global_id(0);
     __global const float *p = frames + 9 * i;
-    const pi first = 0; /* the only material, with as many lobes as there are frames */
-    const lobes_t parameters = gather_lobes(materials, lobes, &first, i, i & 1);
+    /* The last point of the vector has lobe i; the others have the same, its neighbours, or scattered ones. */
+    const pi apart = point_numbers() - (PW - 1);
+    const pi number = i % 3 == 0 || i < PW ? (pi)(i) : i % 3 == 1 ? i + apart : i + apart % 2;
     const pf3 v = {p[0], p[1], p[2]}, n = {p[3], p[4], p[5]}, x = {p[6], p[7], p[8]};
-    const bound_lobes_t bound = bind_lobes(&parameters, v, n, x);
+    const bound_lobes_t bound = bind_lobes(&table, number, v, n, x);
     vstore3(vector_lane(&bound.axis, PW - 1), 2 * i, out);
     vstore3(vector_lane(&bound.colour, PW - 1), 2 * i + 1, out);
 }
@@ -205,8 +209,7 @@ def test_binding_a_lobe_to_a_view(device, anisotropic):
     c /= np.abs(c).max(axis=1, keepdims=True)
     lobes = [{"rho": 0.5, "c": list(row), "exponent": e} for row, e in zip(c, exponents, strict=True)]
     material = Material.model_validate({"lafortune": {"lobes": lobes}})
-    packed = pack_materials({"m": material}, points(np.zeros((1, 3))))
-    entries = packed.lobes
+    entries = pack_materials({"m": material}, points(np.zeros((1, 3)))).lobes
     normal = unit(rng.normal(size=(n, 3)))
     view = unit(rng.normal(size=(n, 3)) + normal)
     frames = np.concatenate([view, normal, perpendicular(rng.normal(size=(n, 3)), normal)], axis=1)
@@ -214,8 +217,8 @@ def test_binding_a_lobe_to_a_view(device, anisotropic):
     defines = kernel_defines(device.info.vector_width, Mask(), 1, anisotropic=anisotropic)
     program = device.build([*kernel_units("accurate"), ("wrapper", WRAPPER)], defines)
     out = device.allocate(n * 6 * 4)
-    inputs = [device.upload(array) for array in (packed.materials, entries, frames)]
-    device.launch(program.bind_many, n, None, *inputs, out)
+    table, inputs = device.upload(layout.table(entries)), device.upload(frames)
+    device.launch(program.bind_many, n, None, table, np.int32(n), inputs, out)
     found = device.download(out, (n, 2, 3), np.float32)
     for entry, frame, (axis, colour) in zip(entries, frames.astype(float), found, strict=True):
         v, m, x = (unit(part)[None] for part in np.split(frame, 3))
