@@ -1,4 +1,4 @@
-"""One frame held against its references: all numbers of the report, over the picture, its objects and zones."""
+"""One frame held against its references: all numbers over the picture, its objects and its zones."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -22,6 +22,8 @@ from coslobe.render.images import read_exr, stored_attributes, write_exr
 KINDS: tuple[OccluderKind, ...] = ("mesh", "spheres")
 
 NOISE_SEED = 2
+
+ByKind = Mapping[OccluderKind, NDArray]
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,9 @@ def compare_frames(
     CoslobeError
         A picture holds values that are not finite.
     """
-    noisy = [
-        {kind: perfect(frame.references[kind], NOISE_SEED + frame.index) for kind in KINDS} for frame in frames
+    noisy: list[ByKind] = [
+        {kind: perfect(frame.references[kind], NOISE_SEED + frame.index) for kind in KINDS}
+        for frame in frames
     ]
     chosen = exposures([frame.references["mesh"].radiance[frame.hit] for frame in frames])
     records = []
@@ -96,7 +99,7 @@ def compare_frames(
 
 
 def _record(
-    frame: Frame, drawn: Mapping[OccluderKind, NDArray], flips: Mapping[str, NDArray], before: Frame | None
+    frame: Frame, drawn: ByKind, flips: Mapping[str, NDArray], before: Frame | None
 ) -> dict[str, Any]:
     what = f"frame {frame.index}"
     compared: dict[OccluderKind, _Compared] = {}
@@ -116,7 +119,7 @@ def _record(
     by_zone = {
         name: region for name, region in zones(frame.analysis.share, frame.hit).items() if region.any()
     }
-    whole = {kind: frame.mean(kind) for kind in KINDS}
+    whole: dict[OccluderKind, float] = {kind: frame.mean(kind) for kind in KINDS}
     return {
         **_part(compared, split, frame.hit, what, {}),
         "objects": {
@@ -124,8 +127,7 @@ def _record(
             for name, region in by_object.items()
         },
         "zones": {
-            name: _part(compared, split, region, f"{what}, {name}", whole)
-            for name, region in by_zone.items()
+            name: _part(compared, split, region, f"{what}, {name}", whole) for name, region in by_zone.items()
         },
     }
 
@@ -162,7 +164,7 @@ def _part(
 
 
 def _flip(
-    frame: Frame, drawn: Mapping[OccluderKind, NDArray], chosen: tuple[float, float, int] | None, path: Path
+    frame: Frame, drawn: ByKind, chosen: tuple[float, float, int] | None, path: Path
 ) -> dict[str, NDArray]:
     """FLIP's maps of the picture and of a perfect one by reference, from the file where it fits."""
     if chosen is None:

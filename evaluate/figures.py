@@ -1,10 +1,9 @@
-"""The figures of an evaluation: references, error maps and parts of errors as files, and what a report shows."""
+"""The figures of an evaluation as files: references, error maps, parts of errors, zones."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.evaluate.comparison import KINDS, Frame
@@ -17,7 +16,6 @@ from coslobe.evaluate.pictures import (
     write_share_map,
 )
 from coslobe.evaluate.reference import OccluderKind
-from coslobe.evaluate.split import PARTS
 from coslobe.render.images import write_png
 
 CAPTIONS: dict[OccluderKind, str] = {"mesh": "true meshes", "spheres": "same spheres"}
@@ -29,7 +27,9 @@ Scales = dict[str, float]
 
 def error_scales(frames: Sequence[Frame]) -> Scales:
     """The ends of the colour scales for all frames, by reference and by part of the error."""
-    scales: Scales = {kind: error_scale([frame.signed_error(kind)[frame.hit] for frame in frames]) for kind in KINDS}
+    scales: Scales = {
+        kind: error_scale([frame.signed_error(kind)[frame.hit] for frame in frames]) for kind in KINDS
+    }
     return scales | {"geometry": scales["mesh"], "visibility": scales["spheres"], "lobes": scales["spheres"]}
 
 
@@ -51,24 +51,31 @@ def write_figures(
         path = figures / f"reference_{kind}.{index:04d}.png"
         write_png(path, reference.radiance)
         shown.append(_shown(f"Reference, {CAPTIONS[kind]}", path, exrs[kind]))
-    parts = frame.split().maps
-    maps = {kind: (f"Error, {CAPTIONS[kind]}", frame.signed_error(kind)) for kind in KINDS}
-    maps |= {name: (f"Part: {name}", frame.relative(parts[name])) for name in PARTS}
-    for name, (label, error) in maps.items():
-        path = figures / f"{'error' if name in KINDS else 'part'}_{name}.{index:04d}.png"
-        write_error_map(path, error, frame.hit, scales[name])
-        shown.append(_shown(label, path, bar=_signed_bar(scales[name])))
+    for kind in KINDS:
+        path = figures / f"error_{kind}.{index:04d}.png"
+        write_error_map(path, frame.signed_error(kind), frame.hit, scales[kind])
+        shown.append(_shown(f"Error, {CAPTIONS[kind]}", path, bar=_signed_bar(scales[kind])))
     path = figures / f"zones.{index:04d}.png"
     write_share_map(path, frame.analysis.share, frame.hit)
-    bar = {"colours": SHARE_COLOURS, "ticks": ["umbra", "penumbra", "lit"], "note": "share of light that arrives"}
+    bar = {
+        "colours": SHARE_COLOURS,
+        "ticks": ["umbra", "penumbra", "lit"],
+        "note": "share of light that arrives",
+    }
     shown.append(_shown("Zones", path, bar=bar))
+    for name, part in frame.split().maps.items():
+        path = figures / f"part_{name}.{index:04d}.png"
+        write_error_map(path, frame.relative(part), frame.hit, scales[name])
+        shown.append(_shown(f"Part: {name}", path, bar=_signed_bar(scales[name])))
     _write_comparison(figures / f"comparison.{index:04d}.png", scene, frame, scales)
     return [
         {**picture, **{key: _relative(picture[key], out_dir) for key in ("file", "exr")}} for picture in shown
     ]
 
 
-def _shown(label: str, file: Path, exr: Path | None = None, bar: dict[str, Any] | None = None) -> dict[str, Any]:
+def _shown(
+    label: str, file: Path, exr: Path | None = None, bar: dict[str, Any] | None = None
+) -> dict[str, Any]:
     return {"label": label, "file": file, "exr": exr, "bar": bar}
 
 

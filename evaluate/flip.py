@@ -42,9 +42,7 @@ def exposures(references: Sequence[NDArray]) -> tuple[float, float, int] | None:
     return start, stop, int(np.clip(np.ceil(stop - start), 2, MOST_EXPOSURES))
 
 
-def flip_maps(
-    pairs: Sequence[tuple[NDArray, NDArray]], chosen: tuple[float, float, int]
-) -> list[NDArray]:
+def flip_maps(pairs: Sequence[tuple[NDArray, NDArray]], chosen: tuple[float, float, int]) -> list[NDArray]:
     """The FLIP error, float32 [h, w], of each (reference, picture), both linear [h, w, 3].
 
     Raises
@@ -54,19 +52,25 @@ def flip_maps(
     """
     with tempfile.TemporaryDirectory(prefix="coslobe-flip-") as folder:
         source, target = Path(folder, "pairs.npz"), Path(folder, "maps.npz")
-        arrays = {f"{i}{side}": image for i, pair in enumerate(pairs) for side, image in zip("rt", pair, strict=True)}
+        arrays = {
+            f"{i}{side}": image
+            for i, pair in enumerate(pairs)
+            for side, image in zip("rt", pair, strict=True)
+        }
         np.savez(source, chosen=np.array(chosen), count=len(pairs), **arrays)  # pyright: ignore[reportArgumentType]
         command = [sys.executable, "-m", "coslobe.evaluate.flip", str(source), str(target)]
         result = subprocess.run(command, capture_output=True, text=True, check=False)
         if result.returncode or not target.is_file():
-            reason = (result.stderr or result.stdout).strip().splitlines()[-1:] or [f"status {result.returncode}"]
+            reason = (result.stderr or result.stdout).strip().splitlines()[-1:] or [
+                f"status {result.returncode}"
+            ]
             raise CoslobeError(f"FLIP failed: {reason[0]}", "pip install --force-reinstall flip-evaluator")
         with np.load(target) as maps:
             return [maps[str(i)] for i in range(len(pairs))]
 
 
 def _work(source: str, target: str) -> None:
-    from flip_evaluator import nbflip
+    from flip_evaluator import nbflip  # pyright: ignore[reportAttributeAccessIssue]
 
     with np.load(source) as data:
         start, stop, count = data["chosen"].tolist()
@@ -77,7 +81,9 @@ def _work(source: str, target: str) -> None:
                 np.ascontiguousarray(np.maximum(data[f"{i}{side}"], 0), np.float32) for side in "rt"
             )
             linear_input, coloured, with_mean = False, False, False
-            error, _, _ = nbflip.evaluate(reference, picture, True, linear_input, coloured, with_mean, settings)
+            error, _, _ = nbflip.evaluate(
+                reference, picture, True, linear_input, coloured, with_mean, settings
+            )
             maps[str(i)] = error[..., 0]
     np.savez(target, **maps)
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from coslobe.render.scene import Mask
 
 WIDEST = 0.25
-"""Squared cosine of the half-angle of the widest light with a mask on a plane; others keep exact visibility."""
+"""Squared cosine of the half-angle of the widest light with a mask on a plane; wider ones are exact."""
 
 PROBES = {
     "centre": (0.5,),
@@ -66,10 +66,13 @@ class MaskedOccluders(Occluders):
         column, row = (self._cell(part, scale, ahead) for part in (x, y))
         on_disk = ahead & disk(self._rows)[row, column]
         across, up = (2 * (column + probe) / self._rows - 1, 2 * (row + 0.5) / self._rows - 1)
-        directions = _unit(h[:, None] * across, h[:, None] * up, t, u, axis)
-        directions = tuple(
-            np.where(on_disk, new, old) for new, old in zip(directions, segments.directions, strict=True)
+        dx, dy, dz = (
+            np.where(on_disk, new, old)
+            for new, old in zip(
+                _unit(h[:, None] * across, h[:, None] * up, t, u, axis), segments.directions, strict=True
+            )
         )
+        directions = (dx, dy, dz)
         reach = entry_distance(segments.position, directions, segments.center, segments.radius)
         return replace(segments, directions=directions, reach=reach)
 
@@ -88,7 +91,5 @@ def _turned(axis: NDArray, turn: NDArray) -> tuple[NDArray, NDArray]:
 def _unit(across: NDArray, up: NDArray, t: NDArray, u: NDArray, axis: NDArray) -> Vectors:
     """Unit directions axis + across t + up u: x, y, z of [n, s]."""
     length = np.sqrt(1 + across**2 + up**2)
-    x, y, z = (
-        (axis[:, i, None] + across * t[:, i, None] + up * u[:, i, None]) / length for i in range(3)
-    )
+    x, y, z = ((axis[:, i, None] + across * t[:, i, None] + up * u[:, i, None]) / length for i in range(3))
     return x, y, z

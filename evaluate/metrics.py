@@ -1,9 +1,10 @@
-"""Every error measure of a picture, over any of its regions, each beside what the reference's noise alone gives.
+"""Every error measure of a picture, over any of its regions, each beside that of a perfect picture.
 
 A picture's errors are worked out once as maps; a region's are means over its pixels.
 """
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ UNITS = {"psnr": "dB", "ssim": "", "flip": ""}
 
 @dataclass(frozen=True)
 class Before:
-    """What the frame before adds: its radiance [h, w, 3] in the picture and in the reference, and variance."""
+    """The frame before: its radiance [h, w, 3], and its reference."""
 
     image: NDArray
     reference: Reference
@@ -177,7 +178,7 @@ def _ssim(shown: NDArray, wanted: NDArray) -> NDArray | None:
 
     if min(shown.shape[:2]) < 11:
         return None
-    _, full = structural_similarity(
+    found: tuple[Any, ...] = structural_similarity(
         wanted,
         shown,
         channel_axis=-1,
@@ -187,4 +188,4 @@ def _ssim(shown: NDArray, wanted: NDArray) -> NDArray | None:
         use_sample_covariance=False,
         full=True,
     )
-    return full.mean(axis=-1)
+    return found[1].mean(axis=-1)

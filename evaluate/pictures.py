@@ -15,6 +15,9 @@ COLOURS = ("#b7d9ff", "#5aa5f0", "#1f5fa8", "#15171b", "#a8441a", "#f08a4b", "#f
 SHARE_COLOURS = ("#1b1030", "#7b3f8c", "#e8a06b", "#fff7e0")
 """From no light over penumbra to all of it, equally spaced."""
 
+HEAT_COLOURS = ("#120a3a", "#2a4fb0", "#25a39a", "#9ad24a", "#fbe34d", "#f5762a", "#b3122b")
+"""From nothing to the most, equally spaced: false colours of counts."""
+
 NO_SURFACE = (0, 0, 0, 0)  # transparent
 
 
@@ -48,6 +51,11 @@ def write_error_map(path: Path, error: NDArray, hit: NDArray, scale: float) -> N
 def write_share_map(path: Path, share: NDArray, hit: NDArray) -> None:
     """Write shares from 0 to 1, [h, w], as `write_error_map` does, in `SHARE_COLOURS`."""
     _write(path, _interpolated(np.clip(share, 0, 1), SHARE_COLOURS), hit)
+
+
+def write_heat_map(path: Path, counts: NDArray, most: float) -> None:
+    """Write counts [h, w] from 0 to `most` in `HEAT_COLOURS`."""
+    _write(path, _interpolated(np.clip(counts / most, 0, 1), HEAT_COLOURS), np.ones(counts.shape, bool))
 
 
 def _write(path: Path, colours: NDArray, hit: NDArray) -> None:

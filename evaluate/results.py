@@ -1,4 +1,4 @@
-"""What `coslobe eval SCENE` writes besides its document: means over frames, and the long form for data frames."""
+"""Means over frames, and the long form of all numbers for data frames."""
 
 import csv
 import io

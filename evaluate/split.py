@@ -1,4 +1,4 @@
-"""Where an error comes from: geometry, visibility, or lobes, as maps that add up and as numbers per region."""
+"""Where an error comes from: geometry, visibility or lobes, as maps that add up and as numbers."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ PARTS = ("geometry", "visibility", "lobes")
 
 FORMULAS = {
     "geometry": "R(spheres) − R(mesh), both path-traced: spheres stand for triangles",
-    "visibility": "R(spheres, seen by masks) − R(spheres): a mask has one bit per cell, the integral is exact",
+    "visibility": "R(spheres, seen by masks) − R(spheres): one bit per cell, exact integrals",
     "lobes": "I − R(spheres, seen by masks): lobes, products, caps and tables, given the masks",
 }
 

@@ -80,14 +80,14 @@ def _by_grade(value: float, limits: tuple[float, float], text: str, words: tuple
 
 def _local_verdicts(frames: Sequence[dict[str, Any]]) -> list[Verdict]:
     """Of the frame with the largest error in one place."""
-    excess, frame = max(
-        (
-            (frame["local_max_spheres"] - (frame["noise_floor"]["spheres"]["local_max"] or 0.0), frame)
-            for frame in frames
-            if frame["local_max_spheres"] is not None
-        ),
-        key=lambda pair: pair[0],
-    )
+    judged = [
+        (frame["local_max_spheres"] - (frame["noise_floor"]["spheres"]["local_max"] or 0.0), frame)
+        for frame in frames
+        if frame["local_max_spheres"] is not None
+    ]
+    if not judged:
+        return []
+    excess, frame = max(judged, key=lambda pair: pair[0])
     value, floor = frame["local_max_spheres"], frame["noise_floor"]["spheres"]["local_max"]
     return [
         Verdict(
@@ -95,8 +95,8 @@ def _local_verdicts(frames: Sequence[dict[str, Any]]) -> list[Verdict]:
                 excess, LOCAL_GRADES, "{}", ("No place stands out", "A place stands out", "A place is wrong")
             ),
             _grade(excess, LOCAL_GRADES),
-            f"Over 5 × 5 pixels, frame {frame['index']} is off by up to {percent(value)} of the picture's mean "
-            f"against the same spheres; the reference's noise alone reaches {percent(floor)}.",
+            f"Over 5 × 5 pixels, frame {frame['index']} is off by up to {percent(value)} of the picture's "
+            f"mean against the same spheres; the reference's noise alone reaches {percent(floor)}.",
         )
     ]
 
@@ -115,19 +115,20 @@ def _split_verdicts(mean: dict[str, Any], frames: Sequence[dict[str, Any]]) -> l
         return []
     first = max(PARTS, key=lambda part: share[part])
     sizes = ", ".join(f"{_CAUSES[part]} {percent(mean['split'][part])}" for part in PARTS)
-    found = []
+    found: dict[str, list[str]] = {}
     for zone in dict.fromkeys(name for frame in frames for name in frame["zones"]):
         parts = [frame["zones"][zone]["split"] for frame in frames if zone in frame["zones"]]
         sums = {part: sum((numbers[part] or 0.0) ** 2 for numbers in parts) ** 0.5 for part in PARTS}
         own = shares(sums)
         if own is not None:
             largest = max(PARTS, key=lambda part, own=own: own[part])
-            found.append(f"{_CAUSES[largest]} with {percent(own[largest])} where it is {_ZONE_WORDS[zone]}")
-    text = f"Without noise, {sizes} (root mean squares). Most of the squared error comes from {'; '.join(found)}."
+            found.setdefault(largest, []).append(f"{_ZONE_WORDS[zone]} ({percent(own[largest])})")
+    zones = "; ".join(f"{_CAUSES[part]} {' and '.join(where)}" for part, where in found.items())
+    text = f"Without noise: {sizes}, as root mean squares. Of the squared error, most comes from {zones}."
     return [Verdict(f"Most of the error comes from {_CAUSES[first]}", "info", text)]
 
 
-_ZONE_WORDS = {"lit": "lit", "penumbra": "in penumbra", "umbra": "in umbra"}
+_ZONE_WORDS = {"lit": "where it is lit", "penumbra": "in penumbra", "umbra": "in umbra"}
 
 
 def _light_verdict(light: float, noise: float) -> Verdict:
@@ -158,6 +159,11 @@ def _time_verdicts(frames: Sequence[dict[str, Any]]) -> list[Verdict]:
         "as long, at its own, lower error."
     )
     return [Verdict("Time", "info", text)]
+
+
+def counted(n: int, what: str) -> str:
+    """ "1 frame", "2 frames"."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def duration(seconds: float | None) -> str:

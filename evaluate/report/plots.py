@@ -68,7 +68,8 @@ def svg(series: Sequence[Series], x: Axis, y: Axis, marks: Sequence[tuple[float,
         side, shift = ("end", -6) if at > WIDTH / 2 else ("start", 6)
         parts.append(f'<path class="mark" d="M{at:.1f} {TOP}V{HEIGHT - BOTTOM}"/>')
         parts.append(
-            f'<text class="mark-label" x="{at + shift:.1f}" y="{TOP + 12}" text-anchor="{side}">{escape(label)}</text>'
+            f'<text class="mark-label" x="{at + shift:.1f}" y="{TOP + 12}" text-anchor="{side}">'
+            f"{escape(label)}</text>"
         )
     for number, (line, of) in enumerate(zip(drawn, series, strict=True)):
         tone = f"s{number % 6}"
@@ -78,7 +79,8 @@ def svg(series: Sequence[Series], x: Axis, y: Axis, marks: Sequence[tuple[float,
         for px, py, note in line:
             text = escape(f"{of.name}: {_number(px, x)}, {_number(py, y)}{note}")
             parts.append(
-                f'<circle class="{tone}" cx="{horizontal(px):.1f}" cy="{vertical(py):.1f}" r="4"><title>{text}</title></circle>'
+                f'<circle class="{tone}" cx="{horizontal(px):.1f}" cy="{vertical(py):.1f}" r="4">'
+                f"<title>{text}</title></circle>"
             )
     parts.append("</svg>")
     if len(series) > 1:
@@ -149,4 +151,4 @@ def _notes(line: Series) -> Sequence[str]:
 def _number(value: float, axis: Axis) -> str:
     if axis.percent:
         return f"{100 * value:.3g} %"
-    return "0" if abs(value) < 1e-12 else f"{value:.3g}" if 1e-3 <= abs(value) < 1e5 else f"{value:.0e}"
+    return "0" if abs(value) < 1e-12 else f"{value:.3g}" if 1e-4 <= abs(value) < 1e5 else f"{value:.0e}"

@@ -9,7 +9,7 @@ from coslobe.core.files import write_text
 from coslobe.evaluate.report import embed
 from coslobe.evaluate.report.page import Film, Page, Picture, Section, Table, Tile, Viewer, html
 from coslobe.evaluate.report.tables import error_table, metric_table, split_table, time_table
-from coslobe.evaluate.verdicts import Verdict, duration, percent
+from coslobe.evaluate.verdicts import Verdict, counted, duration, percent
 
 
 def write_report(results: Path) -> Path:
@@ -54,13 +54,9 @@ def _tables(document: Mapping[str, Any]) -> Sequence[Table]:
 def _lead(document: Mapping[str, Any]) -> str:
     compared, rendered = len(document["frames"]), len(document["render"]["frames"])
     return (
-        f"{_counted(rendered, 'frame')} rendered on {document['render']['device']['name'].strip()}; "
+        f"{counted(rendered, 'frame')} rendered on {document['render']['device']['name'].strip()}; "
         f"{compared} of them held against references of {document['frames'][0]['spp']} samples per pixel."
     )
-
-
-def _counted(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _tiles(document: Mapping[str, Any]) -> list[Tile]:
@@ -106,7 +102,7 @@ def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
         document["scene"]["shading"],
     )
     mask = shading["mask"]
-    samples = _counted(image["samples"], "sample")
+    samples = counted(image["samples"], "sample")
     return [
         ("scene", str(document["scene"]["file"])),
         ("image", f"{image['width']} × {image['height']}, {samples} per pixel"),

@@ -107,12 +107,18 @@ def metric_table(frames: Frames, formulas: Formulas) -> Table:
                 if part[f"{metric}_{kind}"] is None and floor is None:
                     continue
                 rows.append(
-                    [name, words, NAMES[metric], _metric(part, metric, kind), _value(metric, floor, faint=True)]
+                    [
+                        name,
+                        words,
+                        NAMES[metric],
+                        _metric(part, metric, kind),
+                        _value(metric, floor, faint=True),
+                    ]
                 )
     return Table(
         title="All metrics",
-        text="The noise floor is what a perfect picture would show against this reference; ≈ marks what is no "
-        "further off than that.",
+        text="The noise floor is what a perfect picture would show against this reference; ≈ marks what "
+        "is no further off than that.",
         columns=["", "reference", "metric", "value", "noise floor"],
         rows=rows,
         notes=[*((NAMES[name], formulas[name]) for name in METRICS), PIXELS],
