@@ -115,7 +115,7 @@ def frame(local: float, floor: float, **zones) -> dict:
 
 
 @pytest.mark.parametrize(
-    ("local", "floor", "grade"), [(0.06, 0.02, "good"), (0.08, 0.0, "fair"), (0.2, 0.05, "poor")]
+    ("local", "floor", "grade"), [(0.06, 0.02, "good"), (0.08, 0.01, "fair"), (0.2, 0.05, "poor")]
 )
 def test_a_single_place_is_judged_beside_the_noise(local, floor, grade):
     found = verdicts(means(), [frame(0.01, 0.01), frame(local, floor)])
