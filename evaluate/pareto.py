@@ -115,6 +115,7 @@ def measure_fronts(
     *,
     overrides: Sequence[str] = (),
     frame: str | None = None,
+    counts: Sequence[int] = COUNTS,
     devices: Sequence[Device],
     command: str,
     progress: Progress = SILENT,
@@ -122,7 +123,7 @@ def measure_fronts(
     """Measure all renderers; write results.json, results.csv, report.html and figures/*.png.
 
     Without a `scene`, a bunny on a plane, of which only the plane is shaded, in three materials. `frame` is
-    as `--frames` has it; of several the first is taken.
+    as `--frames` has it; of several the first is taken. `counts` are the numbers of spheres that are tried.
 
     Returns
     -------
@@ -155,7 +156,7 @@ def measure_fronts(
     rows: list[dict[str, Any]] = []
     notes: list[str] = []
     for device in devices:
-        rows += _coslobe_rows(bench, truths, device, progress)
+        rows += _coslobe_rows(bench, truths, counts, device, progress)
     rows += _embree_rows(bench, truths, progress)
     try:
         rows += _mitsuba_rows(bench, truths, progress)
@@ -224,11 +225,15 @@ def _settings(counts: Sequence[int | None]) -> Iterator[tuple[int | None, str, i
 
 
 def _coslobe_rows(
-    bench: Bench, truths: Mapping[str, Truth], device: Device, progress: Progress
+    bench: Bench,
+    truths: Mapping[str, Truth],
+    counts: Sequence[int | None],
+    device: Device,
+    progress: Progress,
 ) -> Iterator[dict[str, Any]]:
     method = create_method("cosine_lobes", device, progress)
-    counts = COUNTS if _fitted(bench.scene(next(iter(bench.materials)))) else (None,)
-    settings = list(_settings(counts))
+    fitted = _fitted(bench.scene(next(iter(bench.materials))))
+    settings = list(_settings(counts if fitted else (None,)))
     some = bench.known[:KNOWN_SPHERES]
     with progress.task(f"coslobe on {device.info.version}", len(settings) * len(bench.materials)) as advance:
         for material in bench.materials:
