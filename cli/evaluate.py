@@ -56,6 +56,9 @@ def evaluate(
             min=0, metavar="SHARE", help="With --compare: by how much times may; by any if left out."
         ),
     ] = None,
+    pareto: Annotated[
+        bool, typer.Option("--pareto", help="Error against time, beside Embree and Mitsuba, on all devices.")
+    ] = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -80,6 +83,9 @@ def evaluate(
             json=json,
         )
         return
+    if pareto:
+        measure_pareto(scene, out, frames, set_, device, json)
+        return
     from coslobe import configs
     from coslobe.core.device import open_device
     from coslobe.evaluate import evaluation
@@ -98,6 +104,42 @@ def evaluate(
             progress=listener,
         )
     show(document, json)
+
+
+def measure_pareto(
+    scene: Path | None,
+    out: Path | None,
+    frames: str | None,
+    set_: list[str] | None,
+    wish: str | None,
+    json: bool,
+) -> None:
+    """`--pareto`: all devices, unless one is wished for."""
+    from coslobe.core.device import Device, devices, open_device
+    from coslobe.evaluate.pareto import measure_fronts
+
+    opened = [open_device(wish)]
+    if wish is None:
+        first = opened[0].info
+        opened += [Device(info) for info in devices() if info.ok and info.index != first.index]
+    with progress() as listener:
+        document = measure_fronts(
+            scene,
+            out or Path("out", "pareto" if scene is None else scene.stem),
+            overrides=set_ or (),
+            frame=frames,
+            devices=opened,
+            command=command_line(),
+            progress=listener,
+        )
+    if json:
+        print_json(document)
+        return
+    for found in document["speedups"]:
+        ratio = f"{found['speedup']:.3g}x{' (extrapolated)' if found['extrapolated'] else ''}"
+        what = f"{found['material']}, {found['spheres']} spheres, {found['device']}"
+        say(f"{ratio} as fast as {found['against']} at {100 * found['at_error']:.2g} % error: {what}")
+    say(f"report: {document['report']}")
 
 
 def command_line() -> str:

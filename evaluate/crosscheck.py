@@ -39,14 +39,21 @@ def render_with_mitsuba(
     CoslobeError
         Mitsuba is not installed, or cannot express the scene.
     """
-    mitsuba = _load(variant)
+    mitsuba = load_mitsuba(variant)
     with tempfile.TemporaryDirectory(prefix="coslobe-mitsuba-") as folder:
         loaded = mitsuba.load_dict(mitsuba_scene(mitsuba, scene, assets, samples, Path(folder)))
         image = mitsuba.render(loaded, spp=samples, seed=seed)
         return np.array(image, dtype=np.float64).reshape(scene.image.height, scene.image.width, 3)
 
 
-def _load(variant: str) -> Any:
+def load_mitsuba(variant: str) -> Any:
+    """The module `mitsuba` in one variant, with coslobe's BSDF.
+
+    Raises
+    ------
+    CoslobeError
+        Mitsuba is not installed, or the variant does not load.
+    """
     try:
         import mitsuba
 

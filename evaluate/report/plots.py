@@ -11,11 +11,12 @@ LEFT, RIGHT, TOP, BOTTOM = 66, 16, 16, 48
 
 @dataclass(frozen=True)
 class Series:
-    """A line: name, points (x, y), and the numbers that its pointer texts show beside them."""
+    """A line, or dots that are not joined: name, points (x, y), and what pointer texts say beside them."""
 
     name: str
     points: Sequence[tuple[float, float]]
     notes: Sequence[str] = ()
+    joined: bool = True
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def svg(series: Sequence[Series], x: Axis, y: Axis, marks: Sequence[tuple[float,
     for number, (line, of) in enumerate(zip(drawn, series, strict=True)):
         tone = f"s{number % 6}"
         path = "L".join(f"{horizontal(px):.1f} {vertical(py):.1f}" for px, py, _ in line)
-        if path:
+        if path and of.joined:
             parts.append(f'<path class="line {tone}" d="M{path}"/>')
         for px, py, note in line:
             text = escape(f"{of.name}: {_number(px, x)}, {_number(py, y)}{note}")
