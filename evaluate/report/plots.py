@@ -151,5 +151,9 @@ def _notes(line: Series) -> Sequence[str]:
 
 def _number(value: float, axis: Axis) -> str:
     if axis.percent:
-        return f"{100 * value:.3g} %"
-    return "0" if abs(value) < 1e-12 else f"{value:.3g}" if 1e-4 <= abs(value) < 1e5 else f"{value:.0e}"
+        return f"{100 * value:.3g} %" if abs(value) < 10 else f"{100 * value:,.0f} %"
+    if abs(value) < 1e-12:
+        return "0"
+    if not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.0e}"
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:,.0f}"
