@@ -130,7 +130,7 @@ def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
 def resolve(scene: "Scene", assets: "Assets", hits: Hits) -> GBuffer:
     """The points behind `hits`, without texels and tangents.
 
-    Positions come from barycentric coordinates or distances in float64; kernels/points.cl does the same.
+    Positions come from barycentric coordinates or distances in float64; kernels/visible.cl does the same.
     """
     ray = np.flatnonzero(hits.object >= 0)
     number = np.zeros(len(hits.object), np.int64)

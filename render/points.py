@@ -18,8 +18,6 @@ from coslobe.render.scene import Object
 from coslobe.render.visible import Visible
 from coslobe.spheresets.mesh import Mesh
 
-WORK_GROUP = 64
-
 
 class PointBuffers:
     """Points on one device. What did not change stays there: points, what single objects show, meshes."""
@@ -30,7 +28,7 @@ class PointBuffers:
         self._inputs: WeakKeyDictionary[Any, list[Any]] = WeakKeyDictionary()
 
     def upload(self, points: GBuffer | Visible, material: NDArray) -> tuple[Any, NDArray, float]:
-        """A buffer of `layout.POINT` [n], the origin [3] of its positions, and the kernels' seconds.
+        """A buffer of `layout.POINT_ROWS`, the origin [3] of its positions, and the kernels' seconds.
 
         `material` is the index of each point's struct, int32 [n].
         """
@@ -53,7 +51,8 @@ class PointBuffers:
     def _computed(self, points: Visible, material: NDArray) -> tuple[Any, float]:
         """The points made on the device, one launch per object, and the kernels' seconds."""
         device, hits, image = self._device, points.hits, points.scene.image
-        buffer = device.allocate(len(points) * layout.POINT.itemsize)
+        stride = layout.padded(len(points))
+        buffer = device.allocate(len(layout.POINT_ROWS) * stride * 4)
         number = np.zeros(1, np.int32)
         if not points.complete:
             number = np.cumsum(hits.object >= 0, dtype=np.int32) - np.int32(1)
@@ -71,6 +70,7 @@ class PointBuffers:
             scalars = (points.complete, index, image.samples)
             arguments = [np.int32(len(layer.ray)), ray, pixels, objects, numbers]
             arguments += [*(np.int32(value) for value in scalars), camera, materials, buffer]
+            arguments += [np.int32(len(points)), np.int32(stride)]
             if obj.mesh is None:
                 arguments += [_normal(obj, hits.rays.origin), *found]
             else:
@@ -78,8 +78,8 @@ class PointBuffers:
                 arguments += [device.upload(_placing(obj, points.origin)), *found, *mesh]
                 arguments += [np.int32(obj.normals == "flat")]
             kernel = self._kernels["points_on_plane" if obj.mesh is None else "points_on_mesh"]
-            n_items = -(-len(layer.ray) // WORK_GROUP) * WORK_GROUP
-            launches.append(device.launch(kernel, n_items, WORK_GROUP, *arguments))
+            n_items = -(-len(layer.ray) // layout.WORK_GROUP) * layout.WORK_GROUP
+            launches.append(device.launch(kernel, n_items, layout.WORK_GROUP, *arguments))
             alive.append(arguments)  # a kernel keeps its buffers only until it gets other arguments
         return buffer, sum(launch.seconds for launch in launches)
 
@@ -87,8 +87,8 @@ class PointBuffers:
     def _kernels(self) -> dict[str, Any]:
         from pyopencl import Kernel
 
-        source = (files("coslobe.render.kernels") / "points.cl").read_text()
-        program = self._device.build([("layout", layout.declarations()), ("points.cl", source)], {})
+        source = (files("coslobe.render.kernels") / "visible.cl").read_text()
+        program = self._device.build([("layout", layout.point_rows()), ("visible.cl", source)], {})
         return {name: Kernel(program, name) for name in ("points_on_plane", "points_on_mesh")}
 
     def _once(self, thing: Any, arrays: Any) -> list[Any]:
@@ -109,7 +109,7 @@ def _mesh_arrays(mesh: Mesh) -> list[NDArray]:
 
 
 def _camera(points: Visible) -> NDArray:
-    """The camera as points.cl reads it, with its origin relative to the points'."""
+    """The camera as visible.cl reads it, with its origin relative to the points'."""
     camera, image, rays = points.scene.camera, points.scene.image, points.hits.rays
     wide, high = half_extent(camera.fov, camera.fov_axis, image.width, image.height)
     right, up, forward = rays.frame
@@ -142,13 +142,14 @@ def middle(gbuffer: GBuffer) -> NDArray:
     return np.median(gbuffer.position[::every], axis=0)
 
 
-def pack_points(gbuffer: GBuffer, material: NDArray, origin: NDArray) -> NDArray:
-    """Structs `layout.POINT` [n]: the twin of kernels/points.cl."""
-    packed = np.empty(len(gbuffer), layout.POINT)
-    packed["position"] = gbuffer.position - origin
-    packed["geometric"] = gbuffer.geometric_normal
-    packed["shading"] = gbuffer.shading_normal
-    packed["material"] = material
-    packed["object"] = gbuffer.object
-    packed["turn"] = turns(gbuffer.pixel, gbuffer.width)
+def pack_points(gbuffer: GBuffer, material: NDArray, origin: NDArray) -> NDArray[np.float32]:
+    """Rows `layout.POINT_ROWS` of 4-byte numbers, padded: the twin of kernels/visible.cl."""
+    n = len(gbuffer)
+    packed = np.empty((len(layout.POINT_ROWS), layout.padded(n)), np.float32)
+    packed[:3, :n] = (gbuffer.position - origin).T
+    packed[3:6, :n] = gbuffer.geometric_normal.T
+    packed[6:9, :n] = gbuffer.shading_normal.T
+    packed[9, :n] = turns(gbuffer.pixel, gbuffer.width)
+    packed[10:].view(np.int32)[:, :n] = material, gbuffer.object
+    packed[:, n:] = packed[:, n - 1 : n]
     return packed

@@ -1,82 +1,181 @@
-/* Points of a picture from what its rays hit, one work-item per hit of one object, in double precision: the device's
-   twin of `resolve` in gbuffer.py. A hit that another object hides is left alone. */
-#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+/* Points PW at a time: what every point needs, whether or not anything blocks its light, is computed for as many points
+   as vectors have lanes; PW is 1 where the device has none. */
+
+#if PW == 1
+#define POINTS(T) T
+#else
+#define POINTS(T) CAT(T, PW)
+#endif
+
+typedef POINTS(float) pf;
+typedef POINTS(int) pi;
+#define TO_PI POINTS(convert_int)
+#define TO_PF POINTS(convert_float)
+#define AS_PI POINTS(as_int)
+#define AS_PF POINTS(as_float)
+
+#if PW == 1
+#define PF_LOAD(p) (*(p))
+#else
+#define PF_LOAD(p) CAT(vload, PW)(0, p)
+#endif
+
+/* The value of one point, to be read or written. */
+#define LANE(v, l) (((__private float *)&(v))[l])
+#define INT_LANE(v, l) (((__private int *)&(v))[l])
 
 typedef struct {
-    int row, column;
-} pixel_t;
+    pf x, y, z;
+} pf3;
 
-inline pixel_t pixel_at(const uint place)
+/* Three rows of numbers. */
+inline pf3 load3(__global const float *rows, int stride)
 {
-    const pixel_t pixel = {place >> 16, place & 0xffff};
-    return pixel;
+    const pf3 v = {PF_LOAD(rows), PF_LOAD(rows + stride), PF_LOAD(rows + 2 * stride)};
+    return v;
 }
 
-/* A ray's direction, not of unit length. The camera: vectors from the picture's upper left corner, along a pixel to the
-   right and down, and to that corner; origin; sample positions. */
-inline double3 along_ray(const pixel_t pixel, const int sample, __constant double *camera)
+inline pf3 vectors(float x, float y, float z)
 {
-    const double x = pixel.column + camera[12 + 2 * sample], y = pixel.row + camera[13 + 2 * sample];
-    return x * vload3(0, camera) + y * vload3(1, camera) + vload3(2, camera);
+    const pf3 v = {x, y, z};
+    return v;
 }
 
-inline void write_point(__global point_t *point, const double3 position, const float3 geometric, const float3 shading,
-                        const int material, const int object, const pixel_t pixel)
+inline pf3 choose(pf3 a, pf3 b, pi second)
 {
-    const double noise = 0.06711056 * pixel.column + 0.00583715 * pixel.row;
-    const double turn = 52.9829189 * (noise - floor(noise));
-    vstore3(convert_float3(position), 0, point->position);
-    vstore3(geometric, 0, point->geometric);
-    vstore3(shading, 0, point->shading);
-    point->material = material;
-    point->object = object;
-    point->turn = (float)(turn - floor(turn));
+    const pf3 r = {select(a.x, b.x, second), select(a.y, b.y, second), select(a.z, b.z, second)};
+    return r;
 }
 
-/* What both kernels need: the hits of an object by their rays; of each ray its pixel, the nearest object and its point. */
-#define HIT_ARGUMENTS                                                                                                  \
-    const int n, __global const int *rays, __global const uint *pixels, __global const int *objects,                  \
-        __global const int *number, const int complete, const int object, const int samples,                           \
-        __constant double *camera, __global const int *material, __global point_t *points
-
-#define HIT_OF_THIS_ITEM                                                                                               \
-    const int e = get_global_id(0);                                                                                    \
-    if (e >= n || objects[rays[e]] != object)                                                                          \
-        return;                                                                                                        \
-    const int ray = rays[e], i = complete ? ray : number[ray];                                                         \
-    const pixel_t pixel = pixel_at(pixels[ray]);                                                                       \
-    const double3 along = along_ray(pixel, samples == 1 ? 0 : ray % samples, camera);
-
-/* `placing` is the object's matrix by rows of four, with its translation relative to the points' origin, and the inverse
-   of its linear part by rows. */
-__kernel void points_on_mesh(HIT_ARGUMENTS, __constant double *placing, __global const int *triangle,
-                             __global const float *uv, __global const int *faces, __global const double *vertices,
-                             __global const double *normals, const int flat)
+inline pf dots(pf3 a, pf3 b)
 {
-    HIT_OF_THIS_ITEM
-    const int3 corner = vload3(triangle[e], faces);
-    const double3 a = vload3(corner.x, vertices), b = vload3(corner.y, vertices), c = vload3(corner.z, vertices);
-    const double u = uv[2 * e], v = uv[2 * e + 1], w = 1.0 - u - v;
-    const double3 place = w * a + u * b + v * c;
-    double3 g = cross(b - a, c - a);
-    double3 s = w * vload3(corner.x, normals) + u * vload3(corner.y, normals) + v * vload3(corner.z, normals);
-    if (flat || dot(s, s) <= 1e-12)
-        s = g;
-    const double3 x = vload3(4, placing), y = vload3(5, placing), z = vload3(6, placing);
-    g = g.x * x + g.y * y + g.z * z;
-    s = s.x * x + s.y * y + s.z * z;
-    g *= dot(g, along) > 0.0 ? -rsqrt(dot(g, g)) : rsqrt(dot(g, g));
-    s *= dot(s, g) < 0.0 ? -rsqrt(dot(s, s)) : rsqrt(dot(s, s));
-    const double3 position = {dot(vload4(0, placing).xyz, place) + placing[3],
-                              dot(vload4(1, placing).xyz, place) + placing[7],
-                              dot(vload4(2, placing).xyz, place) + placing[11]};
-    write_point(points + i, position, convert_float3(g), convert_float3(s), material[i], object, pixel);
+    return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
-/* `normal` is on the viewer's side. */
-__kernel void points_on_plane(HIT_ARGUMENTS, const float4 normal, __global const double *t)
+inline pf3 scaled(pf3 v, pf s)
 {
-    HIT_OF_THIS_ITEM
-    const double3 position = vload3(3, camera) + t[e] * rsqrt(dot(along, along)) * along;
-    write_point(points + i, position, normal.xyz, normal.xyz, material[i], object, pixel);
+    const pf3 r = {v.x * s, v.y * s, v.z * s};
+    return r;
+}
+
+/* a + s b */
+inline pf3 plus(pf3 a, pf s, pf3 b)
+{
+    const pf3 r = {a.x + s * b.x, a.y + s * b.y, a.z + s * b.z};
+    return r;
+}
+
+inline pf3 crosses(pf3 a, pf3 b)
+{
+    const pf3 r = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+    return r;
+}
+
+inline pf largest_of(pf3 v)
+{
+    return fmax(fmax(v.x, v.y), v.z);
+}
+
+inline float3 vector_lane(const pf3 *v, int l)
+{
+    return (float3)(((__private const float *)&v->x)[l], ((__private const float *)&v->y)[l],
+                    ((__private const float *)&v->z)[l]);
+}
+
+/* One bit per point of a comparison's result, the first lowest. */
+inline uint point_bits(pi chosen)
+{
+#if PW == 1
+    return chosen != 0;
+#elif PW == VW
+    return lane_bits(chosen);
+#else
+    uint bits = 0;
+    for (int l = 0; l < PW; l++)
+        bits |= (INT_LANE(chosen, l) & 1) << l;
+    return bits;
+#endif
+}
+
+inline pi point_numbers(void)
+{
+#if PW == 16
+    return (pi)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+#elif PW == 8
+    return (pi)(0, 1, 2, 3, 4, 5, 6, 7);
+#elif PW == 4
+    return (pi)(0, 1, 2, 3);
+#else
+    return 0;
+#endif
+}
+
+inline int point_sum(pi v)
+{
+    int sum = 0;
+    for (int l = 0; l < PW; l++)
+        sum += INT_LANE(v, l);
+    return sum;
+}
+
+/* A table of `count` columns, one row of numbers after another. */
+typedef struct {
+    __global const float *rows;
+    int count;
+} table_t;
+
+/* How the columns that points need lie: all points need one, or they lie side by side, or anyhow. */
+enum { ONE_COLUMN, NEIGHBOURS, SCATTERED };
+
+inline int kind_of(pi columns)
+{
+#if PW == 1
+    return ONE_COLUMN;
+#else
+    const pi from_first = columns - INT_LANE(columns, 0);
+    if (!point_bits(from_first != 0))
+        return ONE_COLUMN;
+    return point_bits(from_first != point_numbers()) ? SCATTERED : NEIGHBOURS;
+#endif
+}
+
+/* One row at each point's column. */
+inline pf look_up(const __local table_t *table, int row, pi columns, int kind)
+{
+    __global const float *numbers = table->rows + row * table->count;
+    if (kind == ONE_COLUMN)
+        return numbers[INT_LANE(columns, 0)];
+    if (kind == NEIGHBOURS)
+        return PF_LOAD(numbers + INT_LANE(columns, 0));
+    pf found;
+    for (int l = 0; l < PW; l++)
+        LANE(found, l) = numbers[INT_LANE(columns, l)];
+    return found;
+}
+
+inline pf3 look_up3(const __local table_t *table, int row, pi columns, int kind)
+{
+    const pf3 v = {look_up(table, row, columns, kind), look_up(table, row + 1, columns, kind),
+                   look_up(table, row + 2, columns, kind)};
+    return v;
+}
+
+/* The four columns of a table that has a row of four numbers for each point. */
+inline void columns_of(const float4 *rows, pf *columns)
+{
+#if PW == 1
+    columns[0] = rows[0].x;
+    columns[1] = rows[0].y;
+    columns[2] = rows[0].z;
+    columns[3] = rows[0].w;
+#else
+    const float *numbers = (const float *)rows;
+    const pf a = PF_LOAD(numbers), b = PF_LOAD(numbers + PW), c = PF_LOAD(numbers + 2 * PW), d = PF_LOAD(numbers + 3 * PW);
+    const pf even1 = (pf)(a.even, b.even), even2 = (pf)(c.even, d.even);
+    const pf odd1 = (pf)(a.odd, b.odd), odd2 = (pf)(c.odd, d.odd);
+    columns[0] = (pf)(even1.even, even2.even);
+    columns[1] = (pf)(odd1.even, odd2.even);
+    columns[2] = (pf)(even1.odd, even2.odd);
+    columns[3] = (pf)(odd1.odd, odd2.odd);
+#endif
 }
