@@ -1,6 +1,5 @@
 """The page and the plots of `coslobe eval --pareto`."""
 
-import base64
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -8,7 +7,8 @@ from typing import Any
 
 from coslobe.core.files import atomic_path, write_text
 from coslobe.evaluate.fronts import front
-from coslobe.evaluate.report import _resource
+from coslobe.evaluate.report.page import Cell, Page, Plot, Table, Tile, html
+from coslobe.evaluate.report.plots import Axis, Series, svg
 from coslobe.evaluate.verdicts import duration, percent
 
 Row = Mapping[str, Any]
@@ -19,44 +19,61 @@ SHADES = ("#b4471b", "#e0a03c", "#8a5aa8", "#4d4d4d")  # one per device
 
 
 def write_pareto_report(results: Path) -> Path:
-    """Write report.html and figures/*.png beside a results.json of `measure_fronts`.
-
-    All texts are escaped, and the page's policy forbids it to load anything.
-    """
-    from jinja2 import Environment, StrictUndefined
-    from markupsafe import Markup
-
+    """Write report.html and figures/*.png beside a results.json of `measure_fronts`."""
     document = json.loads(results.read_text())
-    materials = list(dict.fromkeys(row["material"] for row in document["rows"]))
     plots = []
-    for material in materials:
-        path = results.parent / "figures" / f"fronts.{material.replace(' ', '_')}.png"
-        _plot(
-            path,
-            [row for row in document["rows"] if row["material"] == material],
-            document["noise"][material],
+    for material in dict.fromkeys(row["material"] for row in document["rows"]):
+        rows = [row for row in document["rows"] if row["material"] == material]
+        noise = document["noise"][material]
+        _plot(results.parent / "figures" / f"fronts.{material.replace(' ', '_')}.png", rows, noise)
+        axes = (
+            Axis("nanoseconds per point", log=True),
+            Axis("relative RMSE, true meshes", log=True, percent=True),
         )
-        data = base64.b64encode(path.read_bytes()).decode()
-        plots.append({"name": material, "data": f"data:image/png;base64,{data}"})
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    page = environment.from_string(_resource("pareto.html")).render(
-        style=Markup(_resource("report.css")),
-        title=Path(document["scene"]["file"]).stem,
+        text = f"Lower left is better. The noise of the reference is {percent(noise)}."
+        plots.append(Plot(f"Error against time: {material}", svg(_series(rows), *axes), text))
+    page = Page(
+        title=f"{Path(document['scene']['file']).stem}: error against time",
+        kind="error against time, beside ray tracers",
         lead=f"{document['points']:,} points, lit by coslobe and by ray tracers on the true meshes.",
         tiles=_tiles(document["speedups"]),
-        plots=plots,
-        tables=[_speedup_table(document["speedups"]), _row_table(document["rows"])],
+        sections=[*plots, _speedup_table(document["speedups"]), _row_table(document["rows"])],
         command=document["command"],
         facts=_facts(document),
     )
     path = results.parent / "report.html"
-    write_text(path, page)
+    write_text(path, html(page))
     return path
 
 
-def _tiles(speedups: Sequence[Row]) -> list[dict[str, str]]:
+def _series(rows: Sequence[Row]) -> list[Series]:
+    """The rivals' settings joined; of each device and estimator all settings, and the front of the best."""
+    found = []
+    for rival, label in RIVALS.items():
+        own = sorted((row for row in rows if row["renderer"] == rival), key=_nanoseconds)
+        found.append(_line(label, own))
+    ours = [row for row in rows if row["renderer"] == "coslobe"]
+    for device, estimator in dict.fromkeys((row["device"], row["setting"]["estimator"]) for row in ours):
+        own = [row for row in ours if (row["device"], row["setting"]["estimator"]) == (device, estimator)]
+        best = set(front([_point(row) for row in own]))
+        found.append(
+            _line(f"coslobe, {estimator}, {device}: front", [row for row in own if _point(row) in best])
+        )
+        found.append(_line(f"coslobe, {estimator}, {device}", own, joined=False))
+    return [series for series in found if series.points]
+
+
+def _line(name: str, rows: Sequence[Row], *, joined: bool = True) -> Series:
+    rows = sorted(rows, key=_nanoseconds)
+    points = [(_nanoseconds(row), row["relative_rmse_mesh"]) for row in rows]
+    return Series(name, points, [setting_text(row) for row in rows], joined)
+
+
+def _point(row: Row) -> tuple[float, float]:
+    return row["relative_rmse_mesh"], _nanoseconds(row)
+
+
+def _tiles(speedups: Sequence[Row]) -> list[Tile]:
     """The best speed-up over each rival with each material."""
     best: dict[tuple[str, str], Row] = {}
     for found in speedups:
@@ -64,11 +81,12 @@ def _tiles(speedups: Sequence[Row]) -> list[dict[str, str]]:
         if key not in best or found["speedup"] > best[key]["speedup"]:
             best[key] = found
     return [
-        {
-            "name": f"over {RIVALS[rival]}, {material}",
-            "value": f"{found['speedup']:.0f}×",
-            "note": f"at {percent(found['at_error'])} error, {found['spheres']} spheres",
-        }
+        Tile(
+            f"over {RIVALS[rival]}, {material}",
+            f"{found['speedup']:.0f}",
+            "times",
+            f"at {percent(found['at_error'])} error, {found['spheres']} spheres",
+        )
         for (material, rival), found in best.items()
     ]
 
@@ -81,56 +99,49 @@ def setting_text(row: Row) -> str:
     return ", ".join(f"{count} {name} per point" for name, count in setting.items())
 
 
-def _speedup_table(speedups: Sequence[Row]) -> dict[str, Any]:
-    return {
-        "title": "Speed-up at equal error",
-        "text": "Of each number of spheres, the setting that gains most. * The rival's front was continued "
+def _speedup_table(speedups: Sequence[Row]) -> Table:
+    return Table(
+        title="Speed-up at equal error",
+        text="Of each number of spheres, the setting that gains most. * The rival's front was continued "
         "to this error with the slope of independent samples, error halved in four times the time.",
-        "columns": ["material", "against", "spheres", "setting", "error", "speed-up", "device"],
-        "rows": [
+        columns=["material", "against", "spheres", "setting", "error", "speed-up", "device"],
+        rows=[
             [
                 found["material"],
                 RIVALS[found["against"]],
-                str(found["spheres"]),
+                Cell(str(found["spheres"]), found["spheres"]),
                 f"{found['setting']['estimator']}, depth {found['setting']['depth']}",
-                percent(found["at_error"]),
-                f"{found['speedup']:.3g}×" + ("*" if found["extrapolated"] else ""),
+                Cell(percent(found["at_error"]), found["at_error"]),
+                Cell(f"{found['speedup']:.3g}×" + ("*" if found["extrapolated"] else ""), found["speedup"]),
                 found["device"],
             ]
             for found in speedups
         ],
-    }
+    )
 
 
-def _row_table(rows: Sequence[Row]) -> dict[str, Any]:
-    return {
-        "title": "All measurements",
-        "text": "Medians of several runs. Kernels by the device's own clock; of Embree only the tracing; of "
+def _row_table(rows: Sequence[Row]) -> Table:
+    errors = ("relative_rmse_mesh", "relative_rmse_mesh_no_contact", "relative_rmse_spheres")
+    return Table(
+        title="All measurements",
+        text="Medians of several runs. Kernels by the device's own clock; of Embree only the tracing; of "
         "Mitsuba the render less one that casts only the primary rays. Errors are relative RMSE.",
-        "columns": [
-            "renderer",
-            "material",
-            "setting",
-            "time",
-            "Mpoints/s",
-            "error, meshes",
-            "without contact",
-            "error, same spheres",
+        columns=[
+            *("renderer", "material", "setting", "time", "Mpoints/s"),
+            *("error, meshes", "without contact", "error, same spheres"),
         ],
-        "rows": [
+        rows=[
             [
                 row["renderer"],
                 row["material"],
                 setting_text(row),
-                duration(row["seconds"]),
-                f"{row['points'] / row['seconds'] / 1e6:.3g}",
-                percent(row["relative_rmse_mesh"]),
-                percent(row["relative_rmse_mesh_no_contact"]),
-                percent(row["relative_rmse_spheres"]),
+                Cell(duration(row["seconds"]), row["seconds"]),
+                Cell(f"{row['points'] / row['seconds'] / 1e6:.3g}", row["points"] / row["seconds"]),
+                *(Cell(percent(row[name]), row[name]) for name in errors),
             ]
             for row in rows
         ],
-    }
+    )
 
 
 def _facts(document: Row) -> list[tuple[str, str]]:
