@@ -78,3 +78,18 @@ inline float row_sum(rf v)
     const float2 c = b.lo + b.hi;
     return c.x + c.y;
 }
+
+/* The columns that are set in some row. */
+inline uint set_columns(ru rows)
+{
+#if RW == 16
+    const uint8 a = rows.lo | rows.hi;
+    const uint4 b = a.lo | a.hi;
+#elif RW == 8
+    const uint4 b = rows.lo | rows.hi;
+#else
+    const uint4 b = rows;
+#endif
+    const uint2 c = b.lo | b.hi;
+    return c.x | c.y;
+}
