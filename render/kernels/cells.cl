@@ -40,7 +40,7 @@ inline float3 glossy_sums(const ru *lit, const ru *whole, float h, float3 n, flo
             const rf omega = where_bit(whole[k], c, inverse * inverse * inverse);
             const rf dx = x * inverse - r.x, dy = y * inverse - r.y, dz = inverse - r.z;
             const rf q = 0.5f * (dx * dx + dy * dy + dz * dz);
-            const rf lobe = omega * lobe_rows(q, exponent);
+            const rf lobe = omega * lobe_rows(q, (rf)(exponent));
             const rf height = fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
             const rf value = cosine ? lobe * height : select((rf)(0.0f), lobe, height > 0.0f);
             around += cosine ? lobe * (1.0f - q) : lobe;

@@ -266,7 +266,8 @@ class CosineLobes:
         if depth not in self._paper_tables:
             samples = tables_layout.samples(self._lobe_tables())
             own = samples["weights"][weights.MASK_DEPTHS.index(depth)]
-            arrays = (samples["product"], samples["cap"], own)
+            # Rows of products are read in eights.
+            arrays = (np.append(samples["product"], np.zeros(8, np.float32)), samples["cap"], own)
             self._paper_tables = {depth: [self._device.upload(array) for array in arrays]}
         return self._paper_tables[depth]
 
