@@ -137,29 +137,27 @@ inline int mark_spheres(ru *mask, float3 *t, float3 *u, int *framed, const recei
     const float h = cap->sine / cap->cosine;
     const vf x = ox * t->x + oy * t->y + oz * t->z, y = ox * u->x + oy * u->y + oz * u->z;
     ellipses_t e;
-    const uint simple = lane_bits(meets & ellipses_of(&e, h, x, y, along, tau, rho2) & (tau <= near2));
+    const vi simple = meets & ellipses_of(&e, h, x, y, along, tau, rho2) & (tau <= near2);
     float middle[VW], shear[VW], offset[VW], slope[VW], size[VW], growth[VW];
-    int begin[VW], end[VW];
     VF_STORE(e.middle, middle);
     VF_STORE(e.shear, shear);
     VF_STORE(e.offset, offset);
     VF_STORE(e.slope, slope);
     VF_STORE(e.size, size);
     VF_STORE(e.growth, growth);
-    VI_STORE(e.begin, begin);
-    VI_STORE(e.end, end);
     *splats += popcount(lanes);
-    ru bits[NR];
-    for (int k = 0; k < NR; k++)
-        bits[k] = mask[k];
-    for (uint left = simple; left; left &= left - 1) {
-        const int l = lowest_bit(left);
-        const ellipse_t one = {middle[l], shear[l], offset[l], slope[l], size[l], growth[l], begin[l], end[l]};
-        splat_ellipse(bits, &one);
+    /* Vector by vector of the mask, so that it stays in a register and no branch depends on what a sphere reaches. */
+#pragma unroll
+    for (int k = 0; k < NR; k++) {
+        ru bits = mask[k];
+        for (uint left = lane_bits(simple & (e.begin < (k + 1.0f) * RW) & (e.end > (float)(k * RW))); left; left &= left - 1) {
+            const int l = lowest_bit(left);
+            const ellipse_t one = {middle[l], shear[l], offset[l], slope[l], size[l], growth[l]};
+            bits |= ellipse_bits(&one, k);
+        }
+        mask[k] = bits;
     }
-    for (int k = 0; k < NR; k++)
-        mask[k] = bits[k];
-    lanes &= ~simple;
+    lanes &= ~lane_bits(simple);
     if (lanes) {
         float fx[VW], fy[VW], fz[VW], ft[VW], fr[VW];
         VF_STORE(x, fx);

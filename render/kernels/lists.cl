@@ -1,11 +1,12 @@
 /* Lists of near blockers: of the spheres that may come between a light and any point of a work-group, which points of
    neighbouring pixels share. Made by one work-item before the points are shaded.
 
-   `near` holds NEAR_ROOM columns of seven floats (x, y, z, radius, outside, owner's bits, apparent size), `list` per light
+   `near` holds NEAR_ROOM columns of NEAR_ROWS floats (x, y, z, radius, outside, owner's bits, apparent size), `list` per light
    the first column and how many there are, filled up with spheres of radius -1 to whole vectors; ALL_GROUPS where the
    room did not suffice, BELOW where the light is below the horizon of all points. */
 #define ALL_GROUPS -1
 #define BELOW -2
+#define NEAR_ROWS 7
 
 /* Of lists that are not short, as many of the largest spheres are tried for what they hide. */
 #define FEW_NEAR 12
@@ -93,13 +94,22 @@ inline int append_near(const __local blockers_t *blockers, const cap_t *cap, int
     return count;
 }
 
-/* Moves the column of the largest apparent size to the first. */
+/* Moves the column of the largest apparent size to the first; columns from `end` to the next whole vector have none. */
 inline void bring_largest(__local float *near, int first, int end)
 {
-    int largest = first;
-    for (int s = first + 1; s < end; s++)
-        largest = near[6 * NEAR_ROOM + s] > near[6 * NEAR_ROOM + largest] ? s : largest;
-    for (int k = 0; k < 7; k++) {
+    __local const float *sizes = near + 6 * NEAR_ROOM;
+    vf most = 0.0f;
+    for (int s = first; s < end; s += VW)
+        most = fmax(most, VF_LOAD(sizes + s));
+    const float size = -least(-most);
+    uint found = 0;
+    int largest = first - VW;
+    while (!found) {
+        largest += VW;
+        found = lane_bits(VF_LOAD(sizes + largest) >= size);
+    }
+    largest += lowest_bit(found);
+    for (int k = 0; k < NEAR_ROWS; k++) {
         const float kept = near[k * NEAR_ROOM + first];
         near[k * NEAR_ROOM + first] = near[k * NEAR_ROOM + largest];
         near[k * NEAR_ROOM + largest] = kept;
@@ -121,15 +131,14 @@ inline int is_solid(const cap_t *cap, const __local float *near, int b, float3 p
    hides it that contains it with this margin for some f. */
 inline int drop_hidden(const cap_t *cap, __local float *near, int first, int count, float3 p, float slack)
 {
-    int kept = first;
-    for (int large = 0; large < LARGEST_NEAR && first + large < count; large++) {
-        const int b = first + large;
+    for (int b = first; b < min(first + LARGEST_NEAR, count); b++) {
+        VF_STORE((vf)(-1.0f), near + 6 * NEAR_ROOM + count);
         bring_largest(near, b, count);
         if (!is_solid(cap, near, b, p, slack))
             continue;
         const float3 ob = (float3)(near[b], near[NEAR_ROOM + b], near[2 * NEAR_ROOM + b]) - p;
         const float rb = near[3 * NEAR_ROOM + b];
-        kept = b + 1;
+        int kept = b + 1;
         for (int s = kept; s < count; s += VW) {
             const vf ox = VF_LOAD(near + s) - p.x, oy = VF_LOAD(near + NEAR_ROOM + s) - p.y;
             const vf oz = VF_LOAD(near + 2 * NEAR_ROOM + s) - p.z, r = VF_LOAD(near + 3 * NEAR_ROOM + s);
@@ -144,7 +153,7 @@ inline int drop_hidden(const cap_t *cap, __local float *near, int first, int cou
             }
             for (uint lanes = lane_bits(hidden == 0) & (0xffffffffu >> (32 - n)); lanes; lanes &= lanes - 1) {
                 const int from = s + lowest_bit(lanes);
-                for (int k = 0; k < 7; k++)
+                for (int k = 0; k < NEAR_ROWS; k++)
                     near[k * NEAR_ROOM + kept] = near[k * NEAR_ROOM + from];
                 kept++;
             }

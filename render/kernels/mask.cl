@@ -46,25 +46,19 @@ inline ru interval_bits(rf low, rf high, ri valid)
 }
 
 /* A sphere whose outline on the mask's plane is an ellipse within reach, by what its rows need, in cell units: with y
-   from -1 to 1, it covers half a chord of sqrt(size + growth y^2 - (offset - slope y)^2) around middle + shear y, in
-   rows of the vectors from `begin` to `end`. */
+   from -1 to 1, it covers half a chord of sqrt(size + growth y^2 - (offset - slope y)^2) around middle + shear y. */
 typedef struct {
     float middle, shear, offset, slope, size, growth;
-    int begin, end;
 } ellipse_t;
 
-inline void splat_ellipse(ru *mask, const ellipse_t *e)
+/* What it covers in the rows of vector k. */
+inline ru ellipse_bits(const ellipse_t *e, int k)
 {
-#pragma unroll
-    for (int k = 0; k < NR; k++) {
-        if (k < e->begin || k >= e->end)
-            continue;
-        const rf y = row_centres(k);
-        const rf middle = e->middle + e->shear * y, c = e->offset - e->slope * y;
-        const rf disc = e->size + e->growth * (y * y) - c * c;
-        const rf root = sqrt(fmax(disc, 0.0f));
-        mask[k] |= interval_bits(middle - root, middle + root, disc > 0.0f);
-    }
+    const rf y = row_centres(k);
+    const rf middle = e->middle + e->shear * y, c = e->offset - e->slope * y;
+    const rf disc = e->size + e->growth * (y * y) - c * c;
+    const rf root = sqrt(fmax(disc, 0.0f));
+    return interval_bits(middle - root, middle + root, disc > 0.0f);
 }
 
 /* Ellipses of VW spheres at a time. o = (ox, oy, oz) is a centre in the mask's frame, tau = max(|o|^2 - r^2, 0) the
@@ -73,7 +67,7 @@ inline void splat_ellipse(ru *mask, const ellipse_t *e)
    tau (rho2 (y^2 + 1) - (oy - oz y)^2), which does not cancel for small caps (theory, section 5). */
 typedef struct {
     vf middle, shear, offset, slope, size, growth;
-    vi begin, end;
+    vf begin, end; /* rows */
 } ellipses_t;
 
 /* The lanes for which that holds; others are for splat_outline. */
@@ -92,9 +86,8 @@ inline vi ellipses_of(ellipses_t *e, float h, vf ox, vf oy, vf oz, vf tau, vf rh
     const vf q = oz * oz - rho2, to_rows = cells / fmax(q, 1e-30f);
     const vf centre = oy * oz * to_rows + 0.5f * ROWS, reach = sqrt(fmax(rho2 * (q + oy * oy), 0.0f)) * to_rows + 0.01f;
     const vi all = q <= 1e-3f * rho2;
-    const vf first = clamp(centre - reach - 0.5f, 0.0f, (float)ROWS), last = clamp(centre + reach + 0.5f, 0.0f, (float)ROWS);
-    e->begin = select(CAT(convert_int, VW)(first) / RW, (vi)(0), all);
-    e->end = select((CAT(convert_int, VW)(last) + (RW - 1)) / RW, (vi)(NR), all);
+    e->begin = select(centre - reach - 0.5f, (vf)(0.0f), all);
+    e->end = select(centre + reach + 0.5f, (vf)(ROWS), all);
     return (a2 < -0.25f * (tau + rho2)) & (oz > fabs(oy) * h);
 }
 
@@ -136,11 +129,13 @@ inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float 
 {
     ellipses_t e;
     const vi simple = ellipses_of(&e, h, (vf)(ox), (vf)(oy), (vf)(oz), (vf)(tau), (vf)(rho2));
-    const ellipse_t one = {e.middle.s0, e.shear.s0, e.offset.s0, e.slope.s0, e.size.s0, e.growth.s0, e.begin.s0, e.end.s0};
-    if (simple.s0)
-        splat_ellipse(mask, &one);
-    else
+    const ellipse_t one = {e.middle.s0, e.shear.s0, e.offset.s0, e.slope.s0, e.size.s0, e.growth.s0};
+    if (!simple.s0) {
         splat_outline(mask, h, ox, oy, oz, tau, rho2);
+        return;
+    }
+    for (int k = 0; k < NR; k++)
+        mask[k] |= ellipse_bits(&one, k);
 }
 
 /* Mark what lies below the plane with normal n (in the mask's frame). */

@@ -225,7 +225,7 @@ void shade(__global const float *points, const int n_points, __global const floa
            __global float *radiance, __global stats_t *stats, __global float *irradiance, __global uint2 *work)
 {
     __local frame_t frame;
-    __local float near[7 * NEAR_ROOM];
+    __local float near[NEAR_ROWS * NEAR_ROOM];
     __local stats_t counts[WORK_GROUP / PW];
     const int first = get_group_id(0) * WORK_GROUP, lane = get_local_id(0), own = first + lane * PW;
     if (lane == 0) {
