@@ -218,9 +218,8 @@ inline void take_cells(term_t *terms, int n_terms, const ru *mask, __constant ui
         if (!term->sharp || term->size * term->whole <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
             continue;
         const float3 axis = (float3)(dot(term->axis, t), dot(term->axis, u), dot(term->axis, cap->a));
-        const float3 cells = glossy_cells(lit, disk, h, nl, axis, term->exponent, term->cosine);
-        const float all = cut ? cells.x : cells.y;
-        terms[k].taken = term->whole * (1.0f - (all > 0.0f ? cells.z / all : 0.0f));
+        const float2 cells = glossy_cells(lit, disk, h, nl, axis, term->exponent, term->cosine, cut);
+        terms[k].taken = term->whole * (1.0f - (cells.x > 0.0f ? cells.y / cells.x : 0.0f));
     }
 }
 

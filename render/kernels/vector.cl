@@ -101,3 +101,18 @@ inline uint row_bits(ri chosen)
     return bits;
 #endif
 }
+
+/* The bits of all lanes. */
+inline uint row_or(ru v)
+{
+#if RW == 16
+    const uint8 a = v.lo | v.hi;
+    const uint4 b = a.lo | a.hi;
+#elif RW == 8
+    const uint4 b = v.lo | v.hi;
+#else
+    const uint4 b = v;
+#endif
+    const uint2 c = b.lo | b.hi;
+    return c.x | c.y;
+}
