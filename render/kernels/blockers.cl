@@ -69,7 +69,7 @@ inline cap_t cap_of(float3 centre, float radius)
    every sphere that contains the point. */
 inline vi meets_cap(const cap_t *cap, vf along, vf across2, vf d2, vf r, float slack)
 {
-    const vf limit = (r + slack + along * cap->sine) / cap->cosine;
+    const vf limit = (r + slack + along * cap->sine) * (1.0f / cap->cosine);
     const vf farthest = cap->tangent + r + 2.0f * slack;
     return (across2 <= limit * limit) & (limit > 0.0f) & (d2 < farthest * farthest) & (r > 0.0f);
 }
@@ -77,7 +77,7 @@ inline vi meets_cap(const cap_t *cap, vf along, vf across2, vf d2, vf r, float s
 /* Lanes whose sphere covers the cap: the cone's far side lies inside it, and in front of the point. */
 inline vi covers_cap(const cap_t *cap, vf along, vf across2, vf r)
 {
-    const vf limit = (r - along * cap->sine) / cap->cosine, ahead = along * cap->cosine;
+    const vf limit = (r - along * cap->sine) * (1.0f / cap->cosine), ahead = along * cap->cosine;
     return (across2 < limit * limit) & (limit > 0.0f) & (across2 * (cap->sine * cap->sine) < ahead * ahead)
          & (along > 0.0f);
 }
