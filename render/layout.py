@@ -69,7 +69,7 @@ def table(structs: NDArray) -> NDArray[np.float32]:
 
 def _rows(name: str, dtype: np.dtype) -> str:
     """An enum of the rows at which a struct's fields begin."""
-    first = {field: dtype.fields[field][1] // 4 for field in dtype.names or () if dtype.fields}
+    first = {field: offset // 4 for field, (_, offset, *_) in (dtype.fields or {}).items()}
     return f"enum {{ {', '.join(f'{name}_{field.upper()} = {row}' for field, row in first.items())} }};\n"
 
 

@@ -165,7 +165,7 @@ inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, 
         const rf y = row_centres(k) * h;
         const rf cx = oy - oz * y, lx = light.y - light.z * y;
         const ru open = candidates[k] & ~mask[k];
-        for (uint columns = set_columns(open); columns; columns &= columns - 1) {
+        for (uint columns = row_or(open); columns; columns &= columns - 1) {
             const int c = lowest_bit(columns);
             const float x = column_centre(c) * h;
             const rf cz = ox * y - oy * x, lz = light.x * y - light.y * x;

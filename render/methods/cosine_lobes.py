@@ -33,6 +33,10 @@ ESTIMATORS = {
 }
 KERNEL = "shade.cl"
 
+# Devices with vectors no wider than this are GPUs, whose lanes are work-items: each has one point. Others have as many
+# points as their vectors have lanes.
+NARROW = 4
+
 # Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
 COS2_WIDE = 0.25
 WIDE_RINGS = 32
@@ -48,6 +52,9 @@ LARGEST_MOMENT_H = 0.2
 # finer cells, but less of the lobe: 2.5 widths leave 4 % of it out, 3 leave 1 %.
 WINDOW = 3.0
 FEWEST_CELLS = 16
+
+# Up to this (e + 4) h^5, polynomials stand for a lobe along the rows of a mask: 6e-5 of the lit share at worst.
+SMOOTH_ROWS = 0.3
 
 # A penumbra's lobe is not worth the light's cells where it adds less than this part of what a white diffuse
 # surface would add under the same light: below, its shadow is left out.
@@ -81,7 +88,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
-        "PW": vector_width,
+        "PW": vector_width if vector_width > NARROW else 1,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -105,6 +112,7 @@ def kernel_defines(
         "LARGEST_MOMENT_H": LARGEST_MOMENT_H,
         "NEGLIGIBLE_LOBE": NEGLIGIBLE_LOBE,
         "WINDOW": WINDOW,
+        "SMOOTH_ROWS": SMOOTH_ROWS,
         "FEWEST_CELLS": float(FEWEST_CELLS),
         **tables_layout.defines(),
     }
@@ -266,7 +274,8 @@ class CosineLobes:
         if depth not in self._paper_tables:
             samples = tables_layout.samples(self._lobe_tables())
             own = samples["weights"][weights.MASK_DEPTHS.index(depth)]
-            arrays = (samples["product"], samples["cap"], own)
+            # Rows of products are read in eights.
+            arrays = (np.append(samples["product"], np.zeros(8, np.float32)), samples["cap"], own)
             self._paper_tables = {depth: [self._device.upload(array) for array in arrays]}
         return self._paper_tables[depth]
 
