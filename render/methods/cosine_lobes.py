@@ -33,10 +33,6 @@ ESTIMATORS = {
 }
 KERNEL = "shade.cl"
 
-# Devices with vectors no wider than this are GPUs, whose lanes are work-items: each has one point. Others have as many
-# points as their vectors have lanes.
-NARROW = 4
-
 # Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
 COS2_WIDE = 0.25
 WIDE_RINGS = 32
@@ -68,6 +64,11 @@ def kernel_units(estimator: str) -> list[tuple[str, str]]:
     return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in names]
 
 
+def points_at_once(vector_width: int) -> int:
+    """Points per work-item: as many as vectors have lanes, but one on GPUs, whose lanes are work-items."""
+    return vector_width if vector_width > 4 else 1
+
+
 def kernel_defines(
     vector_width: int,
     mask: Mask,
@@ -88,7 +89,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
-        "PW": vector_width if vector_width > NARROW else 1,
+        "PW": points_at_once(vector_width),
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -176,8 +177,8 @@ class CosineLobes:
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            room // device.info.vector_width,
-            layout.WORK_GROUP // device.info.vector_width,
+            room // defines["PW"],
+            layout.WORK_GROUP // defines["PW"],
             points,
             np.int32(n),
             nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),
