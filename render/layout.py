@@ -35,8 +35,8 @@ LOBE = np.dtype(
 )
 # A light of radius 0 has an intensity in the place of its radiance.
 LIGHT = np.dtype([("center", *_F3), ("radius", np.float32), ("radiance", *_F3)])
-# Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe products computed,
-# mask leaves integrated.
+# Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe
+# products computed, mask leaves integrated.
 STATS = np.dtype(
     [
         (name, np.uint32)
@@ -64,7 +64,7 @@ inline stats_t sum_of_stats(const __local stats_t *counts)
 
 
 def table(structs: NDArray) -> NDArray[np.float32]:
-    """One row of 4-byte numbers for each number in a struct: neighbours in a row are neighbouring structs'."""
+    """Structs of 4-byte numbers [n] as rows [numbers, n]: what lies side by side belongs to neighbours."""
     words = structs.view(np.float32).reshape(len(structs), -1)
     return np.ascontiguousarray(words.T)
 
