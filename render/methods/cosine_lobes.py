@@ -33,6 +33,10 @@ ESTIMATORS = {
 }
 KERNEL = "shade.cl"
 
+# Devices with vectors no wider than this are GPUs, whose lanes are work-items: each has one point. Others have as many
+# points as their vectors have lanes.
+NARROW = 4
+
 # Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
 COS2_WIDE = 0.25
 WIDE_RINGS = 32
@@ -84,7 +88,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
-        "PW": vector_width,
+        "PW": vector_width if vector_width > NARROW else 1,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
