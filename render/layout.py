@@ -62,7 +62,7 @@ inline void add_stats(__local stats_t *sum, const __local stats_t *counts)
 
 
 def table(structs: NDArray) -> NDArray[np.float32]:
-    """One row of 4-byte numbers for each number in a struct: neighbours in a row are neighbouring structs'."""
+    """Structs of 4-byte numbers [n] as rows [numbers, n]: what lies side by side belongs to neighbours."""
     words = structs.view(np.float32).reshape(len(structs), -1)
     return np.ascontiguousarray(words.T)
 

@@ -109,6 +109,8 @@ inline void whole_terms(pf *terms, const __local frame_t *frame, const receivers
                         const caps_t *caps, pf over_shading)
 {
     terms[0] = whole_diffuse(caps, over_shading);
+    for (int k = brdfs->n_lobes; k < MAX_LOBES; k++)
+        terms[1 + k] = 0.0f;
     for (int k = 0; k < brdfs->n_lobes; k++) {
         const bound_lobes_t *lobe = &brdfs->lobes[k];
         /* Where the horizon cuts the light, with the cosine to the lobe's own axis: the cells take it to the true one. */
@@ -127,8 +129,8 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
     const pi below = (over_geometric <= -caps->sine) | (over_shading <= -caps->sine);
     const pi above = chosen & (below == 0);
     const int listed = frame->blockers.list[2 * j + 1];
-    count->below -= chosen & below;
-    count->listed -= chosen * max(listed, 0);
+    count->below += ones(chosen & below);
+    count->listed += ones(chosen) * max(listed, 0);
     if (!point_bits(above))
         return;
     pf terms[1 + MAX_LOBES];
@@ -143,23 +145,24 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
         const receiver_t receiver = receiver_lane(receivers, l);
         const brdf_t brdf = brdf_lane(brdfs, l);
         const cap_t cap = cap_lane(caps, l);
+        /* Of constant length: LLVM 15 compiles copies of as many as there are lobes wrongly where PW is 1. */
         float own[1 + MAX_LOBES];
-        for (int k = 0; k <= brdf.n_lobes; k++)
+        for (int k = 0; k <= MAX_LOBES; k++)
             own[k] = LANE(terms[k], l);
         work_t work = {0};
         INT_LANE(state, l) = shadow(own, &receiver, &brdf, &cap, &frame->blockers, j, &frame->tables, frame->disk,
                                     frame->threshold, &work);
-        for (int k = 0; k <= brdf.n_lobes; k++)
+        for (int k = 0; k <= MAX_LOBES; k++)
             LANE(terms[k], l) = own[k];
         INT_LANE(count->splats, l) += work.splats;
         INT_LANE(count->products, l) += work.products;
         INT_LANE(count->leaves, l) += work.leaves;
     }
     const pi shaded = above & (state != DARK);
-    count->lit -= above & (state == LIT);
-    count->partial -= above & (state == PARTIAL);
-    count->dark -= above & (state == DARK);
-    count->products -= shaded * (1 + brdfs->n_lobes);
+    count->lit += ones(above & (state == LIT));
+    count->partial += ones(above & (state == PARTIAL));
+    count->dark += ones(above & (state == DARK));
+    count->products += ones(shaded) * (1 + brdfs->n_lobes);
     pf3 part = scaled(brdfs->kd, useful * terms[0]);
     for (int k = 0; k < brdfs->n_lobes; k++)
         part = plus(part, terms[1 + k], brdfs->lobes[k].colour);
@@ -191,7 +194,7 @@ stats_t shade_points(const __local frame_t *frame, int first, int begin, int end
     counts_t count = {0};
     for (int j = begin; j < end; j++) {
         if (frame->blockers.list[2 * j + 1] == BELOW) {
-            count.below -= within;
+            count.below += ones(within);
             continue;
         }
         const light_t light = frame->lights[j];

@@ -49,7 +49,7 @@ LARGEST_MOMENT_H = 0.2
 WINDOW = 3.0
 FEWEST_CELLS = 16
 
-# Up to this (e + 4) h^5, polynomials stand for a lobe along the rows of a mask: 6e-5 of the lit share at worst.
+# Up to this (e + 4) h^5, polynomials stand for a lobe along a mask's rows: 6e-5 of the lit share at worst.
 SMOOTH_ROWS = 0.3
 
 # A penumbra's lobe is not worth the light's cells where it adds less than this part of what a white diffuse
