@@ -20,10 +20,11 @@ from coslobe.core.progress import SILENT, Progress
 from coslobe.evaluate.embree_front import Embree, embree_front
 from coslobe.evaluate.errors import compare
 from coslobe.evaluate.fronts import best_speedups, with_speedups
+from coslobe.evaluate.integration import Estimate
 from coslobe.evaluate.mitsuba_front import mitsuba_front
 from coslobe.evaluate.provenance import provenance
 from coslobe.evaluate.report.pareto import write_pareto_report
-from coslobe.evaluate.truth import Truth, cached_truth
+from coslobe.evaluate.truth import cached_truth
 from coslobe.render.assets import Assets, world_blockers
 from coslobe.render.gbuffer import GBuffer, trace_gbuffer
 from coslobe.render.methods import create_method
@@ -43,9 +44,9 @@ MATERIALS = {
 """Of the ground in the scene that is taken where none is given."""
 
 KNOWN_POINTS = 1 << 16  # errors are means over this many points, picked at random
-KNOWN_SPHERES = 1 << 12  # and those against the same spheres over fewer
-SAMPLES = 4096  # of the references
-FEWER_SAMPLES = {"lambert": 1024}  # where their noise is far below any error all the same
+KNOWN_SPHERES = 1 << 13  # and those against the same spheres over fewer
+ERROR = 1e-3
+"""Standard error of the references, relative to their mean: below every error that is compared."""
 
 CONTACT = 0.02
 """Points nearer to a mesh than this part of its longest side are in contact with it."""
@@ -70,8 +71,8 @@ class Bench:
     assets : Assets
     gbuffer : GBuffer
         The points.
-    known : int [m]
-        Those whose errors are measured; the first of them also against the same spheres.
+    known, few : int [m], int [k]
+        Those whose errors are measured, and those of them that are also held against the same spheres.
     apart : bool [m]
         Those of them that are not in contact with a mesh.
     """
@@ -84,6 +85,7 @@ class Bench:
     assets: Assets
     gbuffer: GBuffer
     known: NDArray
+    few: NDArray
     apart: NDArray
 
     def scene(self, material: str, count: int | None = None) -> Scene:
@@ -139,12 +141,7 @@ def measure_fronts(
     bench = _bench(scene, tuple(overrides), frame, assets)
     truths = {
         name: cached_truth(
-            bench.scene(name),
-            bench.gbuffer.some(bench.known),
-            assets,
-            "mesh",
-            FEWER_SAMPLES.get(name, SAMPLES),
-            progress,
+            bench.scene(name), bench.gbuffer.some(bench.known), assets, "mesh", ERROR, progress
         )
         for name in bench.materials
     }
@@ -197,7 +194,8 @@ def _bench(path: Path | None, overrides: tuple[str, ...], frames: str | None, as
         raise CoslobeError(
             f"{path}: frame {frame} shows no surface or has no light", "choose another --frames"
         )
-    known = np.random.default_rng(0).permutation(n)[:KNOWN_POINTS]
+    chosen = np.random.default_rng(0).permutation(n)
+    known, few = np.sort(chosen[:KNOWN_POINTS]), np.sort(chosen[:KNOWN_SPHERES])
     meshes = [obj for obj in scene.objects.values() if obj.visible and obj.occludes and obj.mesh is not None]
     longest = max(
         (np.ptp(assets.mesh(obj).vertices, axis=0).max() * obj.transform.scale for obj in meshes), default=0.0
@@ -205,7 +203,7 @@ def _bench(path: Path | None, overrides: tuple[str, ...], frames: str | None, as
     apart = np.ones(len(known), bool)
     if meshes:
         apart = Embree(scene, assets).distance(gbuffer.position[known]) > CONTACT * longest
-    return Bench(path, overrides, materials, frame, ground_only, assets, gbuffer, known, apart)
+    return Bench(path, overrides, materials, frame, ground_only, assets, gbuffer, known, few, apart)
 
 
 def _without_meshes(scene: Scene) -> Scene:
@@ -226,7 +224,7 @@ def _settings(counts: Sequence[int | None]) -> Iterator[tuple[int | None, str, i
 
 def _coslobe_rows(
     bench: Bench,
-    truths: Mapping[str, Truth],
+    truths: Mapping[str, Estimate],
     counts: Sequence[int | None],
     device: Device,
     progress: Progress,
@@ -234,7 +232,6 @@ def _coslobe_rows(
     method = create_method("cosine_lobes", device, progress)
     fitted = _fitted(bench.scene(next(iter(bench.materials))))
     settings = list(_settings(counts if fitted else (None,)))
-    some = bench.known[:KNOWN_SPHERES]
     with progress.task(f"coslobe on {device.info.version}", len(settings) * len(bench.materials)) as advance:
         for material in bench.materials:
             for count, estimator, depth in settings:
@@ -256,7 +253,7 @@ def _coslobe_rows(
                 seconds, wall, cpu = (statistics.median(run[k] for run in runs[WARM_UP:]) for k in range(3))
                 image = shaded.radiance.astype(np.float64)
                 spheres = cached_truth(
-                    scene, bench.gbuffer.some(some), bench.assets, "spheres", SAMPLES, progress
+                    scene, bench.gbuffer.some(bench.few), bench.assets, "spheres", ERROR, progress
                 )
                 yield {
                     "renderer": "coslobe",
@@ -269,14 +266,16 @@ def _coslobe_rows(
                     "cpu_seconds": cpu,
                     "points": len(image),
                     **_errors(bench, image[bench.known], truths[material]),
-                    "relative_rmse_spheres": _rmse(image[some], spheres),
+                    "relative_rmse_spheres": _rmse(image[bench.few], spheres),
                     "noise_spheres": _noise(spheres),
                     "skipped": shaded.skipped,
                 }
                 advance()
 
 
-def _embree_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress) -> Iterator[dict[str, Any]]:
+def _embree_rows(
+    bench: Bench, truths: Mapping[str, Estimate], progress: Progress
+) -> Iterator[dict[str, Any]]:
     scenes = {name: bench.scene(name) for name in bench.materials}
     for count, timing in embree_front(scenes, bench.gbuffer, bench.known, bench.assets, progress):
         for material, radiance in timing.radiance.items():
@@ -293,7 +292,9 @@ def _embree_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress) 
             }
 
 
-def _mitsuba_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress) -> Iterator[dict[str, Any]]:
+def _mitsuba_rows(
+    bench: Bench, truths: Mapping[str, Estimate], progress: Progress
+) -> Iterator[dict[str, Any]]:
     scene = bench.scene(next(iter(bench.materials)))
     origin, target = (np.asarray(getattr(scene.camera.look_at, end)) for end in ("origin", "target"))
     near = float(np.linalg.norm(target - origin)) - NEAR if bench.ground_only else None
@@ -323,7 +324,7 @@ def _mitsuba_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress)
             }
 
 
-def _own_errors(bench: Bench, variance: NDArray, truth: Truth) -> dict[str, float]:
+def _own_errors(bench: Bench, variance: NDArray, truth: Estimate) -> dict[str, float]:
     """Of a picture whose mean counts as the truth: Mitsuba's pixels are areas, those of all others points."""
     mean = truth.radiance.mean()
     return {
@@ -332,7 +333,7 @@ def _own_errors(bench: Bench, variance: NDArray, truth: Truth) -> dict[str, floa
     }
 
 
-def _errors(bench: Bench, image: NDArray, truth: Truth) -> dict[str, float]:
+def _errors(bench: Bench, image: NDArray, truth: Estimate) -> dict[str, float]:
     apart = bench.apart
     found = compare(image[apart], truth.radiance[apart], truth.variance[apart])
     scale = truth.radiance[apart].mean() / truth.radiance.mean()  # in units of the whole picture's mean
@@ -342,11 +343,11 @@ def _errors(bench: Bench, image: NDArray, truth: Truth) -> dict[str, float]:
     }
 
 
-def _rmse(image: NDArray, truth: Truth) -> float:
+def _rmse(image: NDArray, truth: Estimate) -> float:
     return compare(image, truth.radiance, truth.variance).relative_rmse or 0.0
 
 
-def _noise(truth: Truth) -> float:
+def _noise(truth: Estimate) -> float:
     return compare(truth.radiance, truth.radiance, truth.variance).noise or 0.0
 
 
