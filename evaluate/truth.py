@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from coslobe.render.scene import Scene
 
 SEED = 2009
-MOST = 1 << 13  # samples of a point and light
+MOST = 1 << 12  # samples of a point and light
 
 # Of this room, what the light depends on.
 CODE = ("adaptive.py", "brdf.py", "direct.py", "integration.py", "occlusion.py", "sampling.py")
