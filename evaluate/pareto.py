@@ -5,112 +5,40 @@ import io
 import statistics
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe import configs
 from coslobe.core.device import Device
 from coslobe.core.errors import CoslobeError
 from coslobe.core.files import write_json, write_text
 from coslobe.core.progress import SILENT, Progress
-from coslobe.evaluate.embree_front import Embree, embree_front
+from coslobe.evaluate.embree_front import embree_front
 from coslobe.evaluate.errors import compare
 from coslobe.evaluate.fronts import best_speedups, with_speedups
 from coslobe.evaluate.integration import Estimate
 from coslobe.evaluate.mitsuba_front import mitsuba_front
+from coslobe.evaluate.pareto_bench import Bench, fitted, set_up
 from coslobe.evaluate.provenance import provenance
 from coslobe.evaluate.report.pareto import write_pareto_report
 from coslobe.evaluate.truth import cached_truth
 from coslobe.render.assets import Assets, world_blockers
-from coslobe.render.gbuffer import GBuffer, trace_gbuffer
 from coslobe.render.methods import create_method
-from coslobe.render.plan import select_frames
-from coslobe.render.scene import Scene, load_scene
 
 COUNTS = (16, 64, 256, 1024)
 DEPTHS = (2, 3, 4, 5)
 RUNS = 7
 WARM_UP = 1
 
-MATERIALS = {
-    "lambert": (),
-    "phong 50": ("materials.ground={phong: {kd: 0.3, ks: 0.4, exponent: 50}}",),
-    "phong 1000": ("materials.ground={phong: {kd: 0.3, ks: 0.4, exponent: 1000}}",),
-}
-"""Of the ground in the scene that is taken where none is given."""
-
-KNOWN_POINTS = 1 << 16  # errors are means over this many points, picked at random
-KNOWN_SPHERES = 1 << 13  # and those against the same spheres over fewer
 ERRORS = {"lambert": 1e-3, "phong 50": 4e-3, "phong 1000": 1e-2}
 ERROR = 2e-3
 """Standard error of the references, relative to their mean, by material and of others: well below the errors
 that are compared."""
 
-CONTACT = 0.02
-"""Points nearer to a mesh than this part of its longest side are in contact with it."""
-
 NEAR = 1e-3
 """So far above the ground does Mitsuba's camera begin to see in the scene whose meshes are hidden from it."""
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What all renderers share.
-
-    Attributes
-    ----------
-    path, overrides : Path, tuple of str
-        The scene file, and changes to it.
-    materials : dict
-        Further changes, by the name of a material.
-    frame : int
-    ground_only : bool
-        Meshes are hidden from the camera.
-    assets : Assets
-    gbuffer : GBuffer
-        The points.
-    known, few : int [m], int [k]
-        Those whose errors are measured, and those of them that are also held against the same spheres.
-    apart : bool [m]
-        Those of them that are not in contact with a mesh.
-    """
-
-    path: Path
-    overrides: tuple[str, ...]
-    materials: Mapping[str, tuple[str, ...]]
-    frame: int
-    ground_only: bool
-    assets: Assets
-    gbuffer: GBuffer
-    known: NDArray
-    few: NDArray
-    apart: NDArray
-
-    def scene(self, material: str, count: int | None = None) -> Scene:
-        """With one of the materials, and so many spheres for every mesh whose set is not read from a file."""
-        return _at(self.path, (*self.overrides, *self.materials[material]), self.frame, count)
-
-
-def _at(path: Path, overrides: Sequence[str], frame: int, count: int | None = None) -> Scene:
-    one_sample = "image.samples=1"  # points, not pixels, are compared
-    scene = load_scene(path, (*overrides, one_sample)).at(frame)
-    if count is None:
-        return scene
-    counts = tuple(f"objects.{name}.spheres.count={count}" for name in _fitted(scene))
-    return load_scene(path, (*overrides, one_sample, *counts)).at(frame)
-
-
-def _fitted(scene: Scene) -> list[str]:
-    """Objects that block light by spheres that are fitted."""
-    return [
-        name
-        for name, obj in scene.objects.items()
-        if obj.occludes and obj.mesh is not None and obj.spheres.file is None
-    ]
 
 
 def measure_fronts(
@@ -140,7 +68,7 @@ def measure_fronts(
         The scene has no lit point, or a file cannot be used or written.
     """
     assets = Assets(devices[0], progress)
-    bench = _bench(scene, tuple(overrides), frame, assets)
+    bench = set_up(scene, tuple(overrides), frame, assets)
     truths = {
         name: cached_truth(
             bench.scene(name),
@@ -189,38 +117,6 @@ def measure_fronts(
     return {**document, "results": results, "report": report}
 
 
-def _bench(path: Path | None, overrides: tuple[str, ...], frames: str | None, assets: Assets) -> Bench:
-    ground_only = path is None
-    materials = MATERIALS if path is None else {"scene": ()}
-    path = path or configs.path("pareto")
-    frame = select_frames(frames, load_scene(path, overrides).frames)[0]
-    scene = _at(path, overrides, frame)
-    gbuffer = trace_gbuffer(_without_meshes(scene) if ground_only else scene, assets)
-    n = len(gbuffer.position)
-    if n == 0 or not scene.lights:
-        raise CoslobeError(
-            f"{path}: frame {frame} shows no surface or has no light", "choose another --frames"
-        )
-    chosen = np.random.default_rng(0).permutation(n)
-    known, few = np.sort(chosen[:KNOWN_POINTS]), np.sort(chosen[:KNOWN_SPHERES])
-    meshes = [obj for obj in scene.objects.values() if obj.visible and obj.occludes and obj.mesh is not None]
-    longest = max(
-        (np.ptp(assets.mesh(obj).vertices, axis=0).max() * obj.transform.scale for obj in meshes), default=0.0
-    )
-    apart = np.ones(len(known), bool)
-    if meshes:
-        apart = Embree(scene, assets).distance(gbuffer.position[known]) > CONTACT * longest
-    return Bench(path, overrides, materials, frame, ground_only, assets, gbuffer, known, few, apart)
-
-
-def _without_meshes(scene: Scene) -> Scene:
-    hidden = {
-        name: obj if obj.plane is not None else obj.model_copy(update={"visible": False})
-        for name, obj in scene.objects.items()
-    }
-    return scene.model_copy(update={"objects": hidden})
-
-
 def _settings(counts: Sequence[int | None]) -> Iterator[tuple[int | None, str, int]]:
     """(spheres, estimator, depth): all for `accurate`; a line through the grid either way for `paper`."""
     for count in counts:
@@ -237,8 +133,8 @@ def _coslobe_rows(
     progress: Progress,
 ) -> Iterator[dict[str, Any]]:
     method = create_method("cosine_lobes", device, progress)
-    fitted = _fitted(bench.scene(next(iter(bench.materials))))
-    settings = list(_settings(counts if fitted else (None,)))
+    scene = bench.scene(next(iter(bench.materials)))
+    settings = list(_settings(counts if fitted(scene) else (None,)))
     with progress.task(f"coslobe on {device.info.version}", len(settings) * len(bench.materials)) as advance:
         for material in bench.materials:
             for count, estimator, depth in settings:
