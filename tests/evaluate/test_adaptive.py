@@ -102,7 +102,7 @@ def test_samples_go_where_the_noise_is(bench):
 
 def test_it_ends_where_the_most_samples_do_not_suffice(bench):
     sources, material, _ = edge(bench, 300)
-    estimate, choice = integrate_adaptively(sources, material, Goal(1e-6, 64, 300), (0,), "test")
+    estimate, choice = integrate_adaptively(sources, material, Goal(1e-6, 100, 300), (0,), "test")
     assert choice.samples.max() == 64
     assert np.all(estimate.variance > 0)
 
