@@ -5,7 +5,7 @@ PYTHON ?= python3
 ROOMS := cli configs core evaluate render spheresets tables
 RUN := .venv/bin/python -m
 
-.PHONY: help demo test check bench bench-fits fresh prepare
+.PHONY: help demo test check bench bench-fits fresh prepare browser
 
 help:
 	@echo "make demo         the main job: from the bunny to a measured picture, out/demo/report.html"
@@ -18,7 +18,7 @@ help:
 demo: prepare
 	.venv/bin/coslobe demo
 
-test: prepare
+test: prepare browser
 	$(RUN) pytest
 
 check: prepare
@@ -39,3 +39,6 @@ fresh:
 
 prepare:
 	@$(PYTHON) scripts/prepare.py
+
+browser:
+	@$(PYTHON) scripts/prepare.py browser

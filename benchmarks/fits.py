@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from run import commit, processor
 
 from coslobe.core import cache
 from coslobe.core.device import Device, cpu_count, open_device
 from coslobe.core.files import write_json
+from coslobe.evaluate.provenance import commit, processor
 from coslobe.spheresets.fit import METHODS
 from coslobe.spheresets.mesh import Mesh, load_mesh
 from coslobe.spheresets.metrics import measure

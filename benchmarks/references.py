@@ -1,4 +1,4 @@
-"""How long references of the shipped scenes take, how honest their noise is, and how they compare with Mitsuba.
+"""How long references of the shipped scenes take, how honest their noise is, and how near Mitsuba they are.
 
 python benchmarks/references.py [noise|mitsuba] [SCENE ...] prints one row of a Markdown table per scene.
 """
@@ -82,10 +82,8 @@ def mitsuba(
     shown = np.isin(order, gbuffer.pixel)
     z = z_scores(ours, theirs)[shown]
     bias = ours.radiance[shown].sum() / theirs.radiance[shown].sum() - 1
-    return (
-        f"| {name} | {bounces} | {len(z)} | {100 * acceptance(z):.2f} % | {100 * np.mean(np.abs(z) < 3):.2f} % "
-        f"| {100 * bias:+.3f} % |"
-    )
+    accepted, within = 100 * acceptance(z), 100 * np.mean(np.abs(z) < 3)
+    return f"| {name} | {bounces} | {len(z)} | {accepted:.2f} % | {within:.2f} % | {100 * bias:+.3f} % |"
 
 
 def main() -> None:
@@ -100,9 +98,8 @@ def main() -> None:
         return
     variant = best_variant()
     print(f"Mitsuba's {variant}")
-    print(
-        "| scene | bounces | pixels | accepted | within 3 sigma | difference of the means |\n|---|---|---|---|---|---|"
-    )
+    print("| scene | bounces | pixels | accepted | within 3 sigma | difference of the means |")
+    print("|---|---|---|---|---|---|")
     for name in names or SCENES:
         for bounces in (1, 3):
             try:

@@ -1,113 +1,168 @@
-"""Kernel throughput on every OpenCL device of this machine, written to benchmarks/RESULTS.md.
+"""Speed on every OpenCL device of this machine, beside ray tracers and the 2009 paper: benchmarks/RESULTS.md.
 
-Times are profiling events of all kernels of a frame (no transfers), the median of REPEATS launches after two
-warm-up launches. Seconds depend on the machine and on what else it does: compare rows of one run only.
+`python benchmarks/run.py` fails where a ratio is worse than the recorded one (ratios.json) by more than 15 %;
+`--record` replaces what is recorded. `--without-rivals` leaves out Embree's and Mitsuba's fronts: two minutes
+instead of eight.
 """
 
-import datetime
-import platform
-import statistics
-import subprocess
+import argparse
+import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from coslobe import configs
-from coslobe.core.device import Device, DeviceInfo, cpu_count, devices
-from coslobe.render.assets import Assets, world_blockers
-from coslobe.render.gbuffer import trace_gbuffer
-from coslobe.render.methods import create_method
-from coslobe.render.scene import load_scene
+import guard
+import whole
+from interleaved import PAPER_FPS, ROUNDS, Measured, measure, ratio
+
+from coslobe.core.device import Device, DeviceInfo, devices
+from coslobe.evaluate.pareto import measure_fronts
+from coslobe.evaluate.provenance import provenance
 
 HERE = Path(__file__).parent
-REPEATS = 41
-WARM_UP = 2
-PAPER_FPS = (15.9, 10.1, 4.75)  # Fig. 17 (a) to (c), on a laptop of 2007
+OUT = HERE.parent / "out" / "bench"
+GOALS = {"fig17a": 120, "fig17b": 120, "fig17c": 120, "fig14": 100, "fig16": 60}
+GOAL_FIG18 = 0.06  # seconds
+RIVAL_GOALS = {("embree", "lambert"): 60, ("mitsuba", "lambert"): 50}
+RIVAL_GOAL = 30  # with other materials
+SPHERES = 256
 
 
 @dataclass(frozen=True)
 class Row:
-    """One measurement."""
+    """One line of the table: what, how much, what was to be reached, whether it was, and the guarded cost."""
 
     title: str
-    points: int
-    seconds: float
-    spheres: int
-    splats: float  # spheres rasterised per point and light
-    paper_fps: float | None = None
+    found: str
+    goal: str
+    met: bool
+    cost: float | None = None
 
 
-def measure(device: Device, title: str, scene: str, frame: int, overrides: tuple[str, ...] = ()) -> Row:
-    """Shade one frame of a shipped scene again and again."""
-    at = load_scene(configs.path(scene), overrides).at(frame)
-    assets = Assets(device)
-    gbuffer, blockers = trace_gbuffer(at, assets), world_blockers(at, assets)
-    method = create_method(at.shading.method, device)
-    shadings = [method.shade(at, gbuffer, blockers) for _ in range(WARM_UP + REPEATS)][WARM_UP:]
-    seconds = statistics.median(shading.kernel_seconds for shading in shadings)
-    splats = shadings[0].skipped["spheres_splatted_per_pair"]
-    return Row(title, len(gbuffer.position), seconds, len(blockers.radii), splats)
+def kernel_rows(device: Device) -> list[Row]:
+    """Figures of the paper, and how cost grows."""
+    measured, rays = measure(device)
+    rows = [_figure_row(name, measured[name], rays) for name in PAPER_FPS]
+
+    def growth(title: str, above: str, below: str, most: float) -> Row:
+        found = ratio(measured[above], measured[below])
+        return Row(title, f"{found:.3g}x", f"<= {most:g}x", found <= most, found)
+
+    return [
+        *rows,
+        growth("4096 spheres over 64, same object", "spheres 4096", "spheres 64", 3),
+        growth("one more light that reaches no point", "light that reaches nothing", "base", 1.03),
+        growth("one more object that shadows no point", "object that shadows nothing", "base", 1.03),
+        growth("32 lights over 1, all visible", "lights 32", "lights 1", 16),
+    ]
 
 
-def measure_all(device: Device) -> list[Row]:
-    """The set-ups of the table, in its order."""
+def _figure_row(name: str, found: Measured, rays: float) -> Row:
+    """Kernel time of a figure beside the paper's; guarded is what a point costs in Embree's shadow rays."""
+    fps = 1 / found.median
+    cost = found.median / found.points * rays
+    times = fps / PAPER_FPS[name]
+    text = f"{found.median * 1e3:.2f} ms, {found.points / found.median / 1e6:.1f} Mpoints/s, "
+    text += f"{times:.0f}x the paper's {PAPER_FPS[name]:g} fps; a point costs {cost:.2g} shadow rays"
+    title = f"Fig. {name.removeprefix('fig')}, {found.points:,} points"
+    if name == "fig18":
+        return Row(title, text, f"<= {GOAL_FIG18:g} s", found.median <= GOAL_FIG18, cost)
+    return Row(title, text, f">= {GOALS[name]}x", times >= GOALS[name], cost)
+
+
+def whole_rows(device: DeviceInfo) -> list[Row]:
+    """Commands in processes of their own."""
+    frame = whole.outside_share(device.index)
+    cold, warm = whole.build_seconds(device.index)
+    memory = whole.memory_of_4k(device.index) / 1e9
+    share = f"{100 * frame['outside']:.0f} % of {frame['seconds'] * 1e3:.0f} ms"
+    share += f", of which primary rays {100 * frame['gbuffer']:.0f} %"
+    return [
+        Row(
+            "outside the kernels, 512x512 sequence",
+            share,
+            "<= 50 %",
+            frame["outside"] <= 0.5,
+            frame["outside"],
+        ),
+        Row("program build, cold", f"{cold:.2f} s", "<= 3 s", cold <= 3),
+        Row("program build, warm", f"{warm:.2f} s", "<= 0.1 s", warm <= 0.1),
+        Row("memory of a 4K frame, 1024 spheres", f"{memory:.2f} GB", "<= 1.5 GB", memory <= 1.5, memory),
+    ]
+
+
+def rival_rows(document: Mapping[str, Any], device: str) -> list[Row]:
+    """Speed-ups at equal error with 256 spheres."""
     rows = []
-    for frame, (letter, fps) in enumerate(zip("abc", PAPER_FPS, strict=True)):
-        row = measure(device, f"Fig. 17 ({letter}), 128x128 plane points, Lambert", "fig17", frame)
-        rows.append(Row(row.title, row.points, row.seconds, row.spheres, row.splats, fps))
-    for count in (64, 256):
-        plane = ("image.width=512", "image.height=512", f"objects.bunny.spheres.count={count}")
-        rows.append(measure(device, "512x512 plane points, Lambert", "fig17", 0, plane))
-    rows.append(measure(device, "bunny.yaml, 512x512, Phong and Lambert", "bunny", 0))
+    for found in document["speedups"]:
+        if found["spheres"] == SPHERES and found["device"] == device:
+            goal = RIVAL_GOALS.get((found["against"], found["material"]), RIVAL_GOAL)
+            text = f"{found['speedup']:.0f}x at {100 * found['at_error']:.2g} % error"
+            text += f" (depth {found['setting']['depth']}{', extrapolated' * found['extrapolated']})"
+            title = f"speed-up over {found['against'].capitalize()}, {SPHERES} spheres, {found['material']}"
+            rows.append(Row(title, text, f">= {goal}x", found["speedup"] >= goal, 1 / found["speedup"]))
     return rows
 
 
 def table(info: DeviceInfo, rows: list[Row]) -> str:
     """Markdown for one device."""
     lines = [
-        f"## {info.name}, {info.version.split(',')[0]}, vectors of {info.vector_width}",
+        f"## {info.name}, {info.version.split(',')[0].strip()}, vectors of {info.vector_width}",
         "",
-        "| set-up | spheres | splats per point | kernel, ms | Mpoints/s | fps | paper, fps | ratio |",
-        "|---|---|---|---|---|---|---|---|",
+        "| figure | measured | goal | met |",
+        "|---|---|---|---|",
+        *(f"| {row.title} | {row.found} | {row.goal} | {'yes' if row.met else 'no'} |" for row in rows),
+        "",
     ]
-    for row in rows:
-        fps = 1 / row.seconds
-        paper = f"{row.paper_fps} | {fps / row.paper_fps:.0f}x" if row.paper_fps else "- | -"
-        lines.append(
-            f"| {row.title} | {row.spheres} | {row.splats:.2f} | {row.seconds * 1e3:.2f} "
-            f"| {row.points / row.seconds / 1e6:.1f} | {fps:.0f} | {paper} |"
-        )
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines)
 
 
-def commit() -> str:
-    """Short hash of the checkout, with a mark where it has changes."""
-    command = ["git", "-C", str(HERE), "describe", "--always", "--dirty"]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    return found.stdout.strip() or "unknown"
-
-
-def processor() -> str:
-    """Name of the CPU."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
+def page(made: Mapping[str, Any], tables: list[str]) -> str:
+    """RESULTS.md."""
+    return "\n".join(
+        [
+            "# Speed",
+            "",
+            f"{made['made'][:10]}, commit {made['commit']}, {made['cpus']} CPU cores ({made['processor']}), "
+            f"load {made['load_average']:.1f} when it began.",
+            f"Kernel times are medians of {ROUNDS} rounds in which set-ups take turns, by profiling events.",
+            "[README.md](README.md) says how each line is measured.",
+            "",
+            *tables,
+        ]
+    )
 
 
 def main() -> None:
-    parts = [
-        "# Kernel throughput",
-        "",
-        f"{datetime.date.today()}, commit {commit()}, {cpu_count()} CPU cores ({processor()}).",
-        f"Median of {REPEATS} launches after {WARM_UP}, profiling events, no transfers.",
-        "The paper's figures are whole shading loops on a laptop CPU of 2007 (Core 2 Duo T7500).",
-        "",
-    ]
-    for info in devices():
-        if info.ok:
-            parts.append(table(info, measure_all(Device(info))))
-            print(parts[-1])
-    (HERE / "RESULTS.md").write_text("\n".join(parts))
+    """Measure, write the page, and compare with what is recorded."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--record", action="store_true", help="replace the recorded ratios")
+    parser.add_argument(
+        "--without-rivals", action="store_true", help="leave out Embree's and Mitsuba's fronts"
+    )
+    options = parser.parse_args()
+    made = provenance()
+    usable = [Device(info) for info in devices() if info.ok]
+    rivals = None
+    if not options.without_rivals:
+        command = "python benchmarks/run.py"
+        rivals = measure_fronts(None, OUT / "pareto", counts=(SPHERES,), devices=usable, command=command)
+    tables, costs = [], {}
+    for device in usable:
+        rows = kernel_rows(device) + whole_rows(device.info)
+        rows += rival_rows(rivals, device.info.name) if rivals else []
+        tables.append(table(device.info, rows))
+        print(tables[-1], flush=True)
+        name = f"{device.info.name}, {device.info.version.split(',')[0].strip()}"
+        costs[name] = {row.title: row.cost for row in rows if row.cost is not None}
+    (HERE / "RESULTS.md").write_text(page(made, tables))
+    recorded = HERE / "ratios.json"
+    worse = guard.regressions(costs, guard.read(recorded))
+    if options.record:
+        guard.record(recorded, costs)
+    elif worse:
+        sys.exit("slower than recorded:\n" + "\n".join(map(str, worse)))
 
 
 if __name__ == "__main__":

@@ -8,8 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from coslobe.cli.common import DeviceOption, JsonOption, command, print_json, progress, say
+from coslobe.cli.compare import compare as compare_runs
 from coslobe.cli.options import FramesOption, OutOption, SetOption
 from coslobe.cli.reference import SamplesOption
+from coslobe.cli.sweep import Sweeps
+from coslobe.cli.sweep import sweep as run_sweep
+from coslobe.core.errors import UsageError
 
 
 @command
@@ -28,10 +32,60 @@ def evaluate(
     frames: FramesOption = None,
     spp: SamplesOption = 256,
     set_: SetOption = None,
+    sweep: Annotated[
+        Sweeps | None, typer.Option(help="Vary one parameter; see --values and --seeds.")
+    ] = None,
+    values: Annotated[
+        str | None, typer.Option(metavar="V,V,...", help="Values of the sweep, instead of its own.")
+    ] = None,
+    seeds: Annotated[
+        int, typer.Option(min=1, metavar="N", help="Seeds of sphere fits and references in a sweep.")
+    ] = 2,
+    compare: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(
+            metavar="A.json B.json", help="Say what changed from results A to B, and whether it holds."
+        ),
+    ] = None,
+    worse: Annotated[
+        float, typer.Option(min=0, metavar="SHARE", help="With --compare: by how much errors may grow.")
+    ] = 0.05,
+    slower: Annotated[
+        float | None,
+        typer.Option(
+            min=0, metavar="SHARE", help="With --compare: by how much times may; by any if left out."
+        ),
+    ] = None,
+    pareto: Annotated[
+        bool, typer.Option("--pareto", help="Error against time, beside Embree and Mitsuba, on all devices.")
+    ] = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
     """Render a scene, path-trace references of it, and report errors and times."""
+    if compare is not None:
+        compare_runs(*compare, error=worse, time=slower, json=json)
+        return
+    if values is not None and sweep is None:
+        raise UsageError("--values goes with --sweep", "say what to vary, as in --sweep ti")
+    if sweep is not None:
+        run_sweep(
+            sweep,
+            scene,
+            out,
+            values=values,
+            frames=frames,
+            seeds=seeds,
+            samples=spp,
+            overrides=set_ or [],
+            wish=device,
+            command=command_line(),
+            json=json,
+        )
+        return
+    if pareto:
+        measure_pareto(scene, out, frames, set_, device, json)
+        return
     from coslobe import configs
     from coslobe.core.device import open_device
     from coslobe.evaluate import evaluation
@@ -50,6 +104,42 @@ def evaluate(
             progress=listener,
         )
     show(document, json)
+
+
+def measure_pareto(
+    scene: Path | None,
+    out: Path | None,
+    frames: str | None,
+    set_: list[str] | None,
+    wish: str | None,
+    json: bool,
+) -> None:
+    """`--pareto`: all devices, unless one is wished for."""
+    from coslobe.core.device import Device, devices, open_device
+    from coslobe.evaluate.pareto import measure_fronts
+
+    opened = [open_device(wish)]
+    if wish is None:
+        first = opened[0].info
+        opened += [Device(info) for info in devices() if info.ok and info.index != first.index]
+    with progress() as listener:
+        document = measure_fronts(
+            scene,
+            out or Path("out", "pareto" if scene is None else scene.stem),
+            overrides=set_ or (),
+            frame=frames,
+            devices=opened,
+            command=command_line(),
+            progress=listener,
+        )
+    if json:
+        print_json(document)
+        return
+    for found in document["speedups"]:
+        ratio = f"{found['speedup']:.3g}x{' (extrapolated)' if found['extrapolated'] else ''}"
+        what = f"{found['material']}, {found['spheres']} spheres, {found['device']}"
+        say(f"{ratio} as fast as {found['against']} at {100 * found['at_error']:.2g} % error: {what}")
+    say(f"report: {document['report']}")
 
 
 def command_line() -> str:

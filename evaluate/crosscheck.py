@@ -63,7 +63,7 @@ def render_with_mitsuba(
     CoslobeError
         Mitsuba is not installed, or cannot express the scene.
     """
-    mitsuba = _load(variant)
+    mitsuba = load_mitsuba(variant)
     with tempfile.TemporaryDirectory(prefix="coslobe-mitsuba-") as folder:
         loaded = mitsuba.load_dict(mitsuba_scene(mitsuba, scene, assets, samples, Path(folder)))
         image = mitsuba.render(loaded, spp=samples, seed=seed)
@@ -96,7 +96,7 @@ def estimate_with_mitsuba(
     With the variance of every mean. Rays that meet nothing see 0, and so do, as in coslobe, those that meet a
     light. Errors as in `render_with_mitsuba`.
     """
-    mitsuba = _load(variant)
+    mitsuba = load_mitsuba(variant)
     rays = camera_rays(scene)
     with tempfile.TemporaryDirectory(prefix="coslobe-mitsuba-") as folder:
         integrator = path_integrator(bounces)
@@ -173,7 +173,14 @@ def best_variant() -> str:
     return "llvm_ad_rgb" if tried.returncode == 0 else "scalar_rgb"
 
 
-def _load(variant: str) -> Any:
+def load_mitsuba(variant: str) -> Any:
+    """The module `mitsuba` in one variant, with coslobe's BSDF.
+
+    Raises
+    ------
+    CoslobeError
+        Mitsuba is not installed, or the variant does not load.
+    """
     try:
         import mitsuba
 

@@ -1,10 +1,9 @@
-"""How far an image is from a reference: the numbers of the report, each by its formula.
+"""How far a picture is from a reference, pixel by pixel: numbers over any set of pixels, each by its formula.
 
-I is the image, R the reference, both linear and float64 [pixels, channels]; means and sums run over pixels
-that hit a surface and over all channels together.
+I is the picture, R the reference, both linear and float64 [pixels, channels]; means and sums run over pixels
+that show a surface and over all channels together.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +14,7 @@ from coslobe.core.errors import CoslobeError
 FORMULAS = {
     "relative_rmse": "sqrt(mean((I − R)²)) / mean(R)",
     "mean_abs": "mean(|I − R|) / mean(R)",
-    "bias": "sum(I) / sum(R) − 1",
+    "bias": "mean(I − R) / mean(R)",
     "max_abs": "max(|I − R|) / mean(R)",
     "noise": "sqrt(mean(variance of R)) / mean(R)",
 }
@@ -45,8 +44,16 @@ class Errors:
     pixels: int
 
 
-def compare(image: NDArray, reference: NDArray, variance: NDArray, what: str = "image") -> Errors:
+def compare(
+    image: NDArray,
+    reference: NDArray,
+    variance: NDArray,
+    what: str = "image",
+    scale: float | None = None,
+) -> Errors:
     """Errors of `image` against `reference`, whose means have `variance`; all [pixels, channels].
+
+    `scale` takes the place of mean(R), where the pixels are a part whose own mean may be 0.
 
     Raises
     ------
@@ -61,12 +68,13 @@ def compare(image: NDArray, reference: NDArray, variance: NDArray, what: str = "
     pixels = len(reference)
     if pixels == 0:
         return Errors(None, None, None, None, None, 0)
+    unit = float(np.mean(reference)) if scale is None else scale
     return Errors(
-        relative_rmse=_ratio(np.sqrt(np.mean(difference**2)), np.mean(reference)),
-        mean_abs=_ratio(np.mean(np.abs(difference)), np.mean(reference)),
-        bias=_ratio(np.sum(difference), np.sum(reference)),
-        max_abs=_ratio(np.max(np.abs(difference)), np.mean(reference)),
-        noise=_ratio(np.sqrt(np.mean(variance)), np.mean(reference)),
+        relative_rmse=ratio(np.sqrt(np.mean(difference**2)), unit),
+        mean_abs=ratio(np.mean(np.abs(difference)), unit),
+        bias=ratio(np.mean(difference), unit),
+        max_abs=ratio(np.max(np.abs(difference)), unit),
+        noise=ratio(np.sqrt(np.mean(variance)), unit),
         pixels=pixels,
     )
 
@@ -81,26 +89,11 @@ def without_noise(relative_rmse: float, noise: float) -> float:
     return float(np.sqrt(max(relative_rmse**2 - noise**2, 0.0)))
 
 
-def _ratio(value: np.floating, scale: np.floating) -> float | None:
+def ratio(value: np.floating | float, scale: float) -> float | None:
+    """`value` over `scale`; of a black scale 0 where the value is 0, too, and else None."""
     if scale > 0:
         return float(value / scale)
     return 0.0 if value == 0 else None
-
-
-def compare_by_object(
-    image: NDArray,
-    reference: NDArray,
-    variance: NDArray,
-    objects: NDArray,
-    names: Mapping[int, str],
-    what: str,
-) -> dict[str, Errors]:
-    """`compare` over the pixels of each object: images [h, w, c], `objects` int [h, w] (-1: background)."""
-    return {
-        name: compare(image[mask], reference[mask], variance[mask], f"{what}, object {name}")
-        for index, name in names.items()
-        if (mask := objects == index).any()
-    }
 
 
 def require_finite(values: NDArray, what: str) -> None:

@@ -12,6 +12,12 @@ from coslobe.render.images import srgb
 COLOURS = ("#b7d9ff", "#5aa5f0", "#1f5fa8", "#15171b", "#a8441a", "#f08a4b", "#ffe0b8")
 """From the most negative error over zero to the most positive, equally spaced; the middle is dark."""
 
+SHARE_COLOURS = ("#1b1030", "#7b3f8c", "#e8a06b", "#fff7e0")
+"""From no light over penumbra to all of it, equally spaced."""
+
+HEAT_COLOURS = ("#120a3a", "#2a4fb0", "#25a39a", "#9ad24a", "#fbe34d", "#f5762a", "#b3122b")
+"""From nothing to the most, equally spaced: false colours of counts."""
+
 NO_SURFACE = (0, 0, 0, 0)  # transparent
 
 
@@ -27,19 +33,36 @@ def error_scale(errors: Sequence[NDArray]) -> float:
 
 def error_colours(error: NDArray, scale: float) -> NDArray:
     """sRGB colours, uint8 [..., 3], of signed errors; those beyond the scale get its last colour."""
-    stops = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in COLOURS], np.float64)
-    position = np.clip(error / scale, -1, 1)
-    at = np.linspace(-1, 1, len(stops))
+    return _interpolated(np.clip(error / scale, -1, 1) / 2 + 0.5, COLOURS)
+
+
+def _interpolated(position: NDArray, colours: Sequence[str]) -> NDArray:
+    """Equally spaced colours between positions 0 and 1: uint8 [..., 3]."""
+    stops = np.array([[int(colour[i : i + 2], 16) for i in (1, 3, 5)] for colour in colours], np.float64)
+    at = np.linspace(0, 1, len(stops))
     return np.stack([np.rint(np.interp(position, at, stops[:, c])) for c in range(3)], -1).astype(np.uint8)
 
 
 def write_error_map(path: Path, error: NDArray, hit: NDArray, scale: float) -> None:
     """Write signed errors [h, w] as an RGBA picture; pixels without a surface are transparent."""
+    _write(path, error_colours(error, scale), hit)
+
+
+def write_share_map(path: Path, share: NDArray, hit: NDArray) -> None:
+    """Write shares from 0 to 1, [h, w], as `write_error_map` does, in `SHARE_COLOURS`."""
+    _write(path, _interpolated(np.clip(share, 0, 1), SHARE_COLOURS), hit)
+
+
+def write_heat_map(path: Path, counts: NDArray, most: float) -> None:
+    """Write counts [h, w] from 0 to `most` in `HEAT_COLOURS`."""
+    _write(path, _interpolated(np.clip(counts / most, 0, 1), HEAT_COLOURS), np.ones(counts.shape, bool))
+
+
+def _write(path: Path, colours: NDArray, hit: NDArray) -> None:
     from PIL import Image
 
-    pixels = np.full((*error.shape, 4), NO_SURFACE, np.uint8)
-    pixels[hit, :3] = error_colours(error[hit], scale)
-    pixels[hit, 3] = 255
+    pixels = np.full((*hit.shape, 4), NO_SURFACE, np.uint8)
+    pixels[hit, :3], pixels[hit, 3] = colours[hit], 255
     with atomic_path(path) as temporary:
         Image.fromarray(pixels).save(temporary)
 

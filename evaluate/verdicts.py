@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from coslobe.evaluate.errors import within_noise, without_noise
+from coslobe.evaluate.split import PARTS, shares
 
 LIGHT_GRADES = (0.005, 0.02)
 """Relative RMSE against the same spheres, without the reference's noise, up to which it is good, and fair."""
@@ -14,6 +15,11 @@ SHAPE_GRADES = (0.04, 0.08)
 
 BIAS_GRADES = (0.01, 0.03)
 """Bias against the true meshes, either sign."""
+
+
+LOCAL_GRADES = (0.03, 0.08)
+"""Largest mean error of 5 x 5 pixels against the same spheres, beyond twice what the reference's noise shows:
+a largest value scatters, and so does the variance that predicts it."""
 
 
 @dataclass(frozen=True)
@@ -35,19 +41,25 @@ def percent(value: float | None) -> str:
     return f"{text}\N{NO-BREAK SPACE}%"
 
 
-def verdicts(mean: dict[str, float | None], frames: Sequence[dict[str, Any]]) -> list[Verdict]:
-    """Statements about an evaluation from its `mean` over all frames and its frame records."""
+def verdicts(mean: dict[str, Any], frames: Sequence[dict[str, Any]]) -> list[Verdict]:
+    """Statements about an evaluation from its `mean` over all frames and its frame records.
+
+    A fault of the light integration turns the first or the second of them to "poor": one that is everywhere
+    shows in the relative RMSE, one that is in a single place in the largest error of a neighbourhood.
+    """
     light, shape = mean["relative_rmse_spheres"], mean["relative_rmse_mesh"]
     bias, noise = mean["bias_mesh"], mean["noise_spheres"]
     if light is None or shape is None or bias is None or noise is None:
         return [Verdict("Nothing to judge", "info", "No pixel of the reference shows a lit surface.")]
     found = [
         _light_verdict(light, noise),
+        *_local_verdicts(frames),
         Verdict(
             _by_grade(shape, SHAPE_GRADES, "Spheres stand {} for the meshes", ("well", "roughly", "badly")),
             _grade(shape, SHAPE_GRADES),
-            f"Against the true meshes, pictures are off by {percent(shape)}. " + _share(light, shape),
+            f"Against the true meshes, pictures are off by {percent(shape)} (relative RMSE).",
         ),
+        *_split_verdicts(mean, frames),
         Verdict(
             _by_grade(abs(bias), BIAS_GRADES, "Brightness is {}", ("right", "slightly off", "off")),
             _grade(abs(bias), BIAS_GRADES),
@@ -67,12 +79,57 @@ def _by_grade(value: float, limits: tuple[float, float], text: str, words: tuple
     return text.format(words[("good", "fair", "poor").index(_grade(value, limits))])
 
 
-def _share(light: float, shape: float) -> str:
-    """Which error dominates. Squares add up as long as the two have nothing to do with each other."""
-    if shape <= light:
-        return "The shape of the spheres adds nothing to it that could be measured."
-    share = 1 - (light / shape) ** 2
-    return f"About {percent(share)} of the squared error comes from the shape of the spheres."
+def _local_verdicts(frames: Sequence[dict[str, Any]]) -> list[Verdict]:
+    """Of the frame with the largest error in one place."""
+    judged = [
+        (frame["local_max_spheres"] - 2 * (frame["noise_floor"]["spheres"]["local_max"] or 0.0), frame)
+        for frame in frames
+        if frame["local_max_spheres"] is not None
+    ]
+    if not judged:
+        return []
+    excess, frame = max(judged, key=lambda pair: pair[0])
+    value, floor = frame["local_max_spheres"], frame["noise_floor"]["spheres"]["local_max"]
+    return [
+        Verdict(
+            _by_grade(
+                excess, LOCAL_GRADES, "{}", ("No place stands out", "A place stands out", "A place is wrong")
+            ),
+            _grade(excess, LOCAL_GRADES),
+            f"Over 5 × 5 pixels, frame {frame['index']} is off by up to {percent(value)} of the picture's "
+            f"mean against the same spheres; the reference's noise alone reaches {percent(floor)}.",
+        )
+    ]
+
+
+_CAUSES = {
+    "geometry": "spheres in place of meshes",
+    "visibility": "the bit masks",
+    "lobes": "lobes and tables",
+}
+
+
+def _split_verdicts(mean: dict[str, Any], frames: Sequence[dict[str, Any]]) -> list[Verdict]:
+    """Which part of the error dominates, in the picture and in each zone."""
+    share = shares(mean["split"])
+    if share is None:
+        return []
+    first = max(PARTS, key=lambda part: share[part])
+    sizes = ", ".join(f"{_CAUSES[part]} {percent(mean['split'][part])}" for part in PARTS)
+    found: dict[str, list[str]] = {}
+    for zone in dict.fromkeys(name for frame in frames for name in frame["zones"]):
+        parts = [frame["zones"][zone]["split"] for frame in frames if zone in frame["zones"]]
+        sums = {part: sum((numbers[part] or 0.0) ** 2 for numbers in parts) ** 0.5 for part in PARTS}
+        own = shares(sums)
+        if own is not None:
+            largest = max(PARTS, key=lambda part, own=own: own[part])
+            found.setdefault(largest, []).append(f"{_ZONE_WORDS[zone]} ({percent(own[largest])})")
+    zones = "; ".join(f"{_CAUSES[part]} {' and '.join(where)}" for part, where in found.items())
+    text = f"Without noise: {sizes}, as root mean squares. Of the squared error, most comes from {zones}."
+    return [Verdict(f"Most of the error comes from {_CAUSES[first]}", "info", text)]
+
+
+_ZONE_WORDS = {"lit": "where it is lit", "penumbra": "in penumbra", "umbra": "in umbra"}
 
 
 def _light_verdict(light: float, noise: float) -> Verdict:
@@ -103,6 +160,11 @@ def _time_verdicts(frames: Sequence[dict[str, Any]]) -> list[Verdict]:
         "as long, at its own, lower error."
     )
     return [Verdict("Time", "info", text)]
+
+
+def counted(n: int, what: str) -> str:
+    """ "1 frame", "2 frames"."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def duration(seconds: float | None) -> str:

@@ -4,12 +4,10 @@ How light is computed is the business of a lighting method; here it is only call
 """
 
 import json
-import platform
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from importlib.metadata import PackageNotFoundError, version
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +18,7 @@ from coslobe.core.device import Device
 from coslobe.core.errors import CoslobeError
 from coslobe.core.files import remove_leftovers, write_json
 from coslobe.core.progress import SILENT, Progress
-from coslobe.core.version import VERSION
+from coslobe.core.version import VERSION, library_versions
 from coslobe.render.assets import Assets, world_blockers
 from coslobe.render.budget import within_budget
 from coslobe.render.gbuffer import GBuffer, trace_gbuffer
@@ -266,18 +264,10 @@ def _write_manifest(
         "settings": scene_file.data,
         "layers": list(layers),
         "device": device.describe(),
-        "versions": _versions(),
+        "versions": library_versions(),
         "frames": frames,
     }
     write_json(path, document)
-
-
-def _versions() -> dict[str, str]:
-    versions = {"coslobe": VERSION, "python": platform.python_version()}
-    for package in ("numpy", "open3d", "open3d-cpu", "OpenEXR", "pyopencl"):
-        with suppress(PackageNotFoundError):
-            versions[package] = version(package)
-    return versions
 
 
 def earlier_seconds(manifest: Path) -> dict[str, float]:

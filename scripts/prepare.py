@@ -5,6 +5,7 @@
 3. A self-test of OpenCL; where nothing passes it, the PoCL wheel.
 
 A stamp in .venv holds a hash of all that decides about its contents; while it fits, nothing is done.
+With the argument "browser": Chromium for the tests of reports, through apt where that is allowed.
 Needs Python alone, and ends with status 1 and the next step where something cannot be done from here.
 """
 
@@ -24,6 +25,7 @@ VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
 STAMP = VENV / "coslobe.stamp"
 RUNTIME = "pocl-opencl-icd"
+BROWSER = "chromium"
 
 
 def main() -> None:
@@ -69,6 +71,20 @@ def system_packages() -> None:
         stop("apt-get failed; first run", line)
     if wished and not run(*install, *wished):
         say(f"{RUNTIME} could not be installed; the PoCL wheel takes its place")
+
+
+def browser() -> None:
+    """Chromium, where it is missing; tests of reports skip themselves without it, so nothing fails here."""
+    if shutil.which(BROWSER):
+        return
+    apt_get = administrator_apt_get()
+    if apt_get is None:
+        say(f"tests of reports will be skipped; for them: sudo apt-get install -y {BROWSER}")
+        return
+    say(f"system packages: {BROWSER}")
+    run(*apt_get, "update", "-qq")
+    if not run(*apt_get, "install", "-y", "-qq", "--no-install-recommends", BROWSER):
+        say(f"{BROWSER} could not be installed; tests of reports will be skipped")
 
 
 def opencl_runtime_loads() -> bool:
@@ -137,4 +153,4 @@ def stop(reason: str, line: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    browser() if sys.argv[1:] == ["browser"] else main()

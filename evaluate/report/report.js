@@ -1,34 +1,5 @@
-"use strict";
-
-/* The comparison of two pictures of a frame; the pictures come from the cards below it. */
-for (const frame of document.querySelectorAll(".frame")) {
-  const viewer = frame.querySelector(".viewer");
-  const stage = viewer.querySelector(".stage");
-  const cards = [...frame.querySelectorAll(".card")];
-  const sides = { left: 0, right: 1 };
-  for (const [side, first] of Object.entries(sides)) {
-    const choice = viewer.querySelector(`.${side}-choice`);
-    cards.forEach((card, index) => choice.add(new Option(card.dataset.label, index)));
-    const show = () => {
-      const card = cards[choice.value];
-      stage.querySelector(`img.${side}`).src = card.querySelector("img").src;
-      stage.querySelector(`img.${side}`).alt = card.dataset.label;
-      stage.querySelector(`.${side}-tag`).textContent = card.dataset.label;
-    };
-    choice.value = Math.min(first, cards.length - 1);
-    choice.addEventListener("change", show);
-    show();
-  }
-  const slider = stage.querySelector("input");
-  const split = () => stage.style.setProperty("--split", `${slider.value}%`);
-  slider.addEventListener("input", split);
-  split();
-  viewer.hidden = false;
-  frame.classList.add("with-viewer"); /* which shows the plain pictures: their cards can go */
-}
-
 /* The sequence as a small player over its strip of frames. */
-for (const film of document.querySelectorAll(".film")) {
+for (const film of document.querySelectorAll("section.film")) {
   const player = film.querySelector(".player");
   const strip = film.querySelector(".strip");
   const pictures = [...strip.querySelectorAll("img")];
@@ -57,4 +28,39 @@ for (const film of document.querySelectorAll(".film")) {
   pictures.forEach((picture, index) => picture.addEventListener("click", () => { stop(); show(index); }));
   show(0);
   player.hidden = false;
+}
+
+/* Tables sort by the column whose heading is pressed; a third press gives back the order of the report. */
+for (const table of document.querySelectorAll("table")) {
+  const body = table.tBodies[0];
+  const rows = [...body.rows];
+  const headings = [...table.querySelectorAll("tr.columns th")];
+
+  const key = (row, column) => {
+    const cell = row.cells[column];
+    if (cell.dataset.value !== undefined) return +cell.dataset.value;
+    return cell.textContent.trim();
+  };
+  const order = (column, up) => (a, b) => {
+    const [x, y] = [key(a, column), key(b, column)];
+    if (typeof x !== typeof y) return typeof x === "number" ? -1 : 1; /* what has no value comes last */
+    const sign = up ? 1 : -1;
+    return typeof x === "number" ? sign * (x - y) : sign * x.localeCompare(y, undefined, { numeric: true });
+  };
+
+  headings.forEach((heading, column) => {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.className = "sort";
+    button.textContent = heading.textContent || "name";
+    heading.replaceChildren(button);
+    button.addEventListener("click", () => {
+      const next = { none: "descending", descending: "ascending", ascending: "none" };
+      const direction = next[heading.getAttribute("aria-sort") ?? "none"];
+      headings.forEach((other) => other.removeAttribute("aria-sort"));
+      if (direction !== "none") heading.setAttribute("aria-sort", direction);
+      const sorted = direction === "none" ? rows : [...rows].sort(order(column, direction === "ascending"));
+      body.append(...sorted);
+    });
+  });
 }

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coslobe.core.errors import CoslobeError
-from coslobe.evaluate.errors import compare, compare_by_object, within_noise, without_noise
+from coslobe.evaluate.errors import compare, within_noise, without_noise
 
 REFERENCE = np.array([[1.0, 2.0, 3.0], [2.0, 2.0, 2.0]])  # mean 2, sum 12
 IMAGE = np.array([[1.5, 2.0, 3.0], [2.0, 1.0, 2.0]])  # differences 0.5 and -1
@@ -69,14 +69,9 @@ def test_values_that_are_not_finite_raise(bad, which):
         compare(**arrays, what="frame 3")
 
 
-def test_objects_are_compared_apart():
-    objects = np.array([[0, 2], [-1, 0]])
-    image, reference = np.ones((2, 2, 3)), np.ones((2, 2, 3))
-    image[0, 1] = 2  # only object 2 differs
-    image[1, 0] = 9  # background is left out
-    names = {0: "ground", 1: "hidden", 2: "bunny"}
-    errors = compare_by_object(image, reference, np.zeros_like(image), objects, names, "frame")
-    assert list(errors) == ["ground", "bunny"]
-    assert errors["ground"].relative_rmse == 0
-    assert errors["bunny"].bias == pytest.approx(1)
-    assert errors["ground"].pixels == 2
+def test_a_scale_takes_the_place_of_the_mean():
+    black = np.zeros_like(REFERENCE)
+    errors = compare(black + 0.1, black, VARIANCE, scale=2.0)
+    assert errors.relative_rmse == pytest.approx(0.05)
+    assert errors.bias == pytest.approx(0.05)
+    assert errors.noise == pytest.approx(0.1)

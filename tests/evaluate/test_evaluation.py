@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -40,24 +41,22 @@ def test_the_renderer_agrees_with_the_reference_on_the_same_spheres(evaluated):
         assert set(frame["objects"]) == {"ground", "ball"}
 
 
-def test_an_injected_fault_is_seen(evaluated, ball_scene, device):
+def test_an_injected_fault_is_seen(evaluated, ball_scene, device, tmp_path):
     """A picture 2 % too bright on one object shows as that bias there, and nowhere else."""
-    document, folder = evaluated
+    document, made = evaluated
+    folder = shutil.copytree(made, tmp_path / "faulty")
     path = folder / "frames" / "beauty.0000.exr"
-    original = path.read_bytes()
     layers, attributes = read_exr(path)
     reference, _ = read_exr(folder / "reference" / "reference.0000.exr")
     ball = reference["object"] == 1
     layers["beauty"][ball] *= 1.02
-    try:
-        write_exr(path, layers, attributes)
-        frame = run(ball_scene, folder, device)["frames"][0]
-    finally:
-        path.write_bytes(original)
+    write_exr(path, layers, attributes)
+    frame = run(ball_scene, folder, device)["frames"][0]
     before = document["frames"][0]["objects"]
     after = frame["objects"]
     assert after["ball"]["bias_mesh"] - before["ball"]["bias_mesh"] == pytest.approx(0.02, rel=0.01)
-    assert after["ground"] == before["ground"]
+    for name in ("relative_rmse_mesh", "bias_spheres", "psnr_mesh"):  # of pixels, not of neighbourhoods
+        assert after["ground"][name] == before["ground"][name]
 
 
 def test_results_hold_what_the_contract_names(evaluated):
@@ -81,7 +80,10 @@ def test_results_hold_what_the_contract_names(evaluated):
 def test_figures_are_named_and_there(evaluated):
     _, folder = evaluated
     names = {path.name for path in (folder / "figures").iterdir()}
-    kinds = ("comparison", "error_mesh", "error_spheres", "reference_mesh", "reference_spheres")
+    kinds = (
+        *("comparison", "zones", "part_geometry", "part_visibility", "part_lobes"),
+        *("error_mesh", "error_spheres", "reference_mesh", "reference_spheres"),
+    )
     assert names == {f"{kind}.{index:04d}.png" for kind in kinds for index in (0, 2)}
 
 
@@ -94,8 +96,11 @@ def test_the_table_is_in_long_form(evaluated):
         for row in rows
         if (row["frame"], row["object"], row["reference"], row["metric"]) == ("2", "ball", "mesh", "bias")
     )
-    assert float(row["value"]) == document["frames"][1]["objects"]["ball"]["bias_mesh"]
-    assert len({tuple(row.values())[:4] for row in rows}) == len(rows)  # nothing twice
+    ball = document["frames"][1]["objects"]["ball"]
+    assert float(row["value"]) == ball["bias_mesh"]
+    assert float(row["noise_floor"]) == ball["noise_floor"]["mesh"]["bias"]
+    assert len({tuple(row.values())[:5] for row in rows}) == len(rows)  # nothing twice
+    assert {row["zone"] for row in rows} == {"", "lit", "penumbra", "umbra"}
 
 
 def test_a_second_run_keeps_everything_and_its_times(evaluated, ball_scene, device):
@@ -112,7 +117,7 @@ def test_the_report_is_self_contained(evaluated):
     assert "default-src 'none'" in page  # nothing is loaded, whatever the page says
     assert re.findall(r'(?:src|href)="(?!data:image/(?:png|jpeg);base64,)', page) == []
     assert re.findall(r"url\(|@import|https?://", page) == []
-    assert page.count("data:image/png") == 10  # five pictures for each of two frames
+    assert page.count("data:image/png") == 18  # nine pictures for each of two frames
     assert page.count("data:image/jpeg") == 3  # the sequence
     for text in ("Frame 2", "relative RMSE", "coslobe eval scene.yaml", "ground", "ball"):
         assert text in page
@@ -127,6 +132,7 @@ def test_texts_in_the_report_are_escaped(evaluated, tmp_path):
         for picture in frame["pictures"]:
             picture["label"] = evil
             picture["file"] = str(folder / picture["file"])
+            picture["exr"] = picture["exr"] and str(folder / picture["exr"])
     results["scene"]["name"] = results["scene"]["file"] = results["command"] = evil
     results["render"]["device"]["name"] = results["versions"]["numpy"] = evil
     results["verdicts"][0] |= {"title": evil, "text": evil}

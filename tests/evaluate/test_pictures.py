@@ -5,6 +5,7 @@ import pytest
 from PIL import Image
 
 from coslobe.evaluate.pictures import COLOURS, error_colours, error_scale, write_error_map
+from coslobe.evaluate.split import PARTS
 from coslobe.evaluate.verdicts import duration, percent, verdicts
 
 SPACE = "\N{NO-BREAK SPACE}"
@@ -73,6 +74,7 @@ def means(**values):
         "relative_rmse_mesh": 0.03,
         "bias_mesh": 0.002,
         "noise_mesh": 0.001,
+        "split": {"geometry": 0.03, "visibility": 0.0, "lobes": 0.003},
     }
     return mean | values
 
@@ -93,10 +95,40 @@ def means(**values):
     ],
 )
 def test_grades(values, grades):
-    assert [verdict.grade for verdict in verdicts(means(**values), [])] == grades
+    found = verdicts(means(**values), [])
+    light, shape, brightness = (
+        next(verdict for verdict in found if verdict.title.startswith(words))
+        for words in (("Light", "The reference"), "Spheres", "Brightness")
+    )
+    assert [light.grade, shape.grade, brightness.grade] == grades
 
 
-def test_what_dominates_is_said():
-    shape = verdicts(means(relative_rmse_spheres=0.03, relative_rmse_mesh=0.05), [])[1]
-    assert f"64{SPACE}%" in shape.text  # 1 - (3/5)^2
-    assert "too little" in verdicts(means(bias_mesh=-0.02), [])[2].text
+def frame(local: float, floor: float, **zones) -> dict:
+    """What verdicts read of a frame."""
+    return {
+        "index": 7,
+        "kernel_seconds": None,
+        "local_max_spheres": local,
+        "noise_floor": {"spheres": {"local_max": floor}},
+        "zones": {name: {"split": dict(zip(PARTS, split, strict=True))} for name, split in zones.items()},
+    }
+
+
+@pytest.mark.parametrize(
+    ("local", "floor", "grade"), [(0.06, 0.02, "good"), (0.08, 0.01, "fair"), (0.2, 0.05, "poor")]
+)
+def test_a_single_place_is_judged_beside_the_noise(local, floor, grade):
+    found = verdicts(means(), [frame(0.01, 0.01), frame(local, floor)])
+    (place,) = (verdict for verdict in found if "5 × 5" in verdict.text)
+    assert place.grade == grade
+    assert "frame 7" in place.text
+
+
+def test_what_dominates_is_said_for_each_zone():
+    zones = {"lit": (3.0, 4.0, 0.0), "penumbra": (0.0, 1.0, 1e-9), "umbra": (0.0, 0.0, 0.0)}
+    found = verdicts(means(), [frame(0.0, 0.0, **zones)])
+    (cause,) = (verdict for verdict in found if verdict.title.startswith("Most of the error"))
+    assert "spheres in place of meshes" in cause.title
+    assert f"the bit masks where it is lit (64{SPACE}%) and in penumbra (100{SPACE}%)" in cause.text
+    assert "umbra (" not in cause.text.replace("penumbra (", "")
+    assert "too little" in verdicts(means(bias_mesh=-0.02), [])[-1].text

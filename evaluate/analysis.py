@@ -1,0 +1,107 @@
+"""What explains the errors of a frame: its zones, and what bit masks cost; into EXR files, resumable."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coslobe.core import cache
+from coslobe.core.files import remove_leftovers
+from coslobe.core.progress import SILENT, Progress
+from coslobe.core.version import VERSION
+from coslobe.evaluate.direct import direct_light
+from coslobe.evaluate.masked import MaskedOccluders
+from coslobe.evaluate.occlusion import sphere_occluders
+from coslobe.evaluate.sampling import Strata, strata
+from coslobe.evaluate.zones import irradiance_share
+from coslobe.render.assets import Assets
+from coslobe.render.gbuffer import trace_gbuffer
+from coslobe.render.images import read_exr, stored_attributes, write_exr
+from coslobe.render.scene import Scene, SceneFile
+
+SEED = 1  # not that of the references
+
+FEWEST_SAMPLES = 32
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """An analysis as read from its file.
+
+    Attributes
+    ----------
+    share : float64 [h, w]
+        Irradiance over unshadowed irradiance, with the true meshes; see `zones.irradiance_share`.
+    visibility : float64 [2, h, w, 3]
+        Two independent estimates of the radiance under the masks' visibility less that under the exact
+        spheres; see `masked`.
+    """
+
+    share: NDArray
+    visibility: NDArray
+
+
+def render_analyses(
+    scene_file: SceneFile,
+    folder: Path,
+    *,
+    references: Sequence[Sequence[Path]],
+    frames: Sequence[int],
+    samples: int,
+    assets: Assets,
+    progress: Progress = SILENT,
+) -> list[Path]:
+    """Write `folder`/analysis.0000.exr for each of `frames`; what is there already is kept.
+
+    `references` are the files of the references of each frame, whose settings hashes stand for the scene.
+    Half of the references' `samples` per pixel do: differences in the same directions have little noise.
+    """
+    remove_leftovers(folder)
+    paths = []
+    for index, files in zip(frames, references, strict=True):
+        scene = scene_file.at(index)
+        grid = strata(-(-max(samples // 2, FEWEST_SAMPLES) // scene.image.samples))
+        hashes = [stored_attributes(path).get("config_sha256") for path in files]
+        mask = scene.shading.mask.model_dump()
+        code = cache.code_digest("core", "spheresets", "render", "evaluate")
+        settings = cache.digest("analysis", VERSION, code, hashes, mask, grid.rows, grid.columns, index)
+        path = folder / f"analysis.{index:04d}.exr"
+        if stored_attributes(path).get("config_sha256") != settings:
+            _render(scene, assets, grid, index, path, settings, progress)
+        paths.append(path)
+    return paths
+
+
+def read_analysis(path: Path) -> Analysis:
+    """Read a file written by `render_analyses`. Errors as in `read_exr`."""
+    layers, _ = read_exr(path)
+    halves = [layers[name].astype(np.float64) for name in ("visibility_a", "visibility_b")]
+    return Analysis(layers["share"].astype(np.float64), np.stack(halves))
+
+
+def _render(
+    scene: Scene, assets: Assets, grid: Strata, index: int, path: Path, settings: str, progress: Progress
+) -> None:
+    gbuffer = trace_gbuffer(scene, assets)
+    name = f"zones, frame {index}"
+    share = irradiance_share(scene, gbuffer, assets, grid, (SEED, index), progress, name)
+    half = strata(grid.samples // 2)  # of which each of two differences gets its own
+    exact = sphere_occluders(scene, assets)
+    masked = MaskedOccluders(exact, gbuffer, scene.shading.mask)
+    differences = []
+    for seed in (1, 2):
+        name = f"masks beside spheres, frame {index}, half {seed}"
+        with_masks, with_spheres = (
+            direct_light(scene, gbuffer, occluders, half, (SEED, index, seed), progress, name).radiance
+            for occluders in (masked, exact)
+        )
+        differences.append(gbuffer.image(with_masks - with_spheres))
+    layers = {
+        "share": gbuffer.image(share[:, None])[..., 0]
+        / np.maximum(gbuffer.image(np.ones((len(share), 1)))[..., 0], np.finfo(float).tiny),
+        "visibility_a": differences[0],
+        "visibility_b": differences[1],
+    }
+    write_exr(path, layers, {"version": VERSION, "config_sha256": settings, "frame": index})
