@@ -196,17 +196,17 @@ def _terms(material: Any, plain: Any) -> list[Description]:
             return plain(colour.model_copy(update=update))
         return [factor * part for part in colour]
 
-    def term(colour: Any, c: Any, exponent: Any = 0.0, *, cosine: bool = True) -> Description:
-        return {"colour": colour, "c": c, "exponent": exponent, "cosine": cosine}
+    def term(
+        colour: Any, c: Any, exponent: Any = 0.0, *, cosine: bool = True, normalised: bool = False
+    ) -> Description:
+        return {"colour": colour, "c": c, "exponent": exponent, "cosine": cosine, "normalised": normalised}
 
     if material.lambert is not None:
         return [term(scaled(material.lambert.albedo, 1 / np.pi), constant)]
     if material.phong is not None:
-        phong, n = material.phong, material.phong.exponent
-        if isinstance(n, Texture):
-            raise CoslobeError("Mitsuba is given no textured exponents of phong", "use lafortune")
-        specular = scaled(phong.ks, (n + 2) / (2 * np.pi))
-        return [term(scaled(phong.kd, 1 / np.pi), constant), term(specular, mirror, n)]
+        phong = material.phong
+        specular = term(scaled(phong.ks, 1.0), mirror, plain(phong.exponent), normalised=True)
+        return [term(scaled(phong.kd, 1 / np.pi), constant), specular]
     if material.phong_1975 is not None:
         old = material.phong_1975
         specular = term(scaled(old.ks, 1.0), mirror, plain(old.exponent), cosine=False)
