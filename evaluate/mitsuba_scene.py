@@ -85,7 +85,7 @@ def describe(
     for index, (name, obj) in enumerate(scene.objects.items()):
         if not obj.visible:
             continue
-        bsdf = {"bsdf": _bsdf(f"material {obj.material}", scene.materials[obj.material], assets, folder)}
+        bsdf = {"bsdf": _bsdf(f"materials.{obj.material}", scene.materials[obj.material], assets, folder)}
         if blockers is None or obj.plane is not None:
             result[f"object {name}"] = _shape(name, obj, assets, folder) | bsdf
             continue
@@ -153,7 +153,10 @@ def write_ply(path: Path, mesh: "Mesh", matrix: NDArray) -> None:
 
 def _bsdf(name: str, material: "Material", assets: "Assets", folder: Path) -> Description:
     if material.anisotropic:
-        raise CoslobeError(f"{name}: Mitsuba is given no anisotropic materials", "leave it out")
+        raise CoslobeError(
+            f"{name}: anisotropic, which the BSDF that is given to Mitsuba is not",
+            "leave it out or set c_x = c_y",
+        )
     albedo = material.lambert.albedo if material.lambert else None
     if isinstance(albedo, Texture) and (albedo.scale, albedo.offset) == (1, 0):
         picture = folder / f"{name}{Path(albedo.texture).suffix}".replace(" ", "_")
