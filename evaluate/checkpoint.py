@@ -70,6 +70,6 @@ def _read(path: Path, settings: str) -> dict[str, NDArray]:
     try:
         with np.load(path) as file:
             arrays = dict(file)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return {}
     return arrays if str(arrays.get("settings")) == settings else {}
