@@ -270,6 +270,10 @@ class Device:
         """An uninitialised device buffer."""
         return self._cl.Buffer(self.context, self._cl.mem_flags.READ_WRITE, max(nbytes, 4))
 
+    def local(self, nbytes: int) -> Any:
+        """A kernel argument: memory that the work-items of a group share."""
+        return self._cl.LocalMemory(nbytes)
+
     def write(self, buffer: Any, array: np.ndarray) -> None:
         """Replace the contents of a device buffer."""
         self._cl.enqueue_copy(self.queue, buffer, np.ascontiguousarray(array))

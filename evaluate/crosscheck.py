@@ -1,13 +1,10 @@
-"""The same scene in Mitsuba 3: an independent renderer for camera, units, BRDFs and light.
+"""Coslobe's references against Mitsuba 3: an independent renderer for camera, units, BRDFs and light.
 
-Mitsuba is optional (`pip install coslobe[mitsuba]`). What it cannot express is refused: meshes that do
-not occlude, anisotropic materials, and textures other than a plain albedo. Planes occlude in Mitsuba, in
-coslobe they never do: a scene is comparable when no plane stands between a light and a point. Mitsuba
-averages over random positions in each pixel where coslobe takes the centre or `image.samples` positions:
-edges differ unless there are many.
+Mitsuba is optional (`pip install coslobe[mitsuba]`). Its own camera averages over random positions in each
+pixel where coslobe takes the centre or `image.samples` positions: edges of whole images differ unless there
+are many. `estimate_with_mitsuba` therefore gives it coslobe's own camera rays.
 """
 
-import json
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,14 +13,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coslobe.core.errors import CoslobeError
-from coslobe.render.fields import Texture
+from coslobe.evaluate import mitsuba_lobes
+from coslobe.evaluate.integration import Estimate
+from coslobe.evaluate.mitsuba_scene import (
+    describe,
+    direct_integrator,
+    for_mitsuba,
+    path_integrator,
+    write_ply,
+)
+from coslobe.render.camera import camera_rays
 
 if TYPE_CHECKING:
+    from coslobe.evaluate.reference import OccluderKind
     from coslobe.render.assets import Assets
-    from coslobe.render.scene import Material, Object, Scene, SphereLight
-    from coslobe.spheresets.mesh import Mesh
+    from coslobe.render.scene import Scene
 
-LOBE_SUM = "coslobe_lobe_sum"
+__all__ = [
+    "acceptance",
+    "best_variant",
+    "estimate_with_mitsuba",
+    "image_shift",
+    "mitsuba_scene",
+    "render_with_mitsuba",
+    "write_ply",
+    "z_scores",
+]
+
+WAVE = 1 << 18
+"""Rays that Mitsuba traces at once."""
+
+ROUNDING = 1e-4
+"""Standard error, in parts of the value, that is granted to Mitsuba's single precision."""
+
+SIGNIFICANCE = 0.01
+"""Probability with which a perfect image has any pixel that is not accepted."""
 
 
 def render_with_mitsuba(
@@ -46,6 +70,109 @@ def render_with_mitsuba(
         return np.array(image, dtype=np.float64).reshape(scene.image.height, scene.image.width, 3)
 
 
+def mitsuba_scene(
+    mitsuba: Any, scene: "Scene", assets: "Assets", samples: int, folder: Path
+) -> dict[str, Any]:
+    """The scene with the `direct` integrator, for `mitsuba.load_dict`; meshes and textures go into `folder`.
+
+    Transforms are Mitsuba's own objects, made by the module `mitsuba`, whose variant must be set.
+    """
+    description = describe(scene, assets, folder, samples=samples, integrator=direct_integrator())
+    return for_mitsuba(mitsuba, description)
+
+
+def estimate_with_mitsuba(
+    scene: "Scene",
+    assets: "Assets",
+    samples: int,
+    *,
+    seed: int = 0,
+    variant: str = "scalar_rgb",
+    occluders: "OccluderKind" = "mesh",
+    bounces: int = 1,
+) -> Estimate:
+    """What coslobe's camera rays see in Mitsuba's `path` integrator, [rays, 3] in the order of `camera_rays`.
+
+    With the variance of every mean. Rays that meet nothing see 0, and so do, as in coslobe, those that meet a
+    light. Errors as in `render_with_mitsuba`.
+    """
+    mitsuba = load_mitsuba(variant)
+    rays = camera_rays(scene)
+    with tempfile.TemporaryDirectory(prefix="coslobe-mitsuba-") as folder:
+        integrator = path_integrator(bounces)
+        description = describe(
+            scene, assets, Path(folder), samples=samples, integrator=integrator, occluders=occluders
+        )
+        loaded = mitsuba.load_dict(for_mitsuba(mitsuba, description))
+    trace = _trace_one_by_one if variant.startswith("scalar") else _trace_together
+    total, squares = np.zeros((2, len(rays.direction), 3))
+    for values in trace(mitsuba, loaded, rays.origin, rays.direction, samples, seed):
+        total += values.sum(axis=0)
+        squares += (values**2).sum(axis=0)
+    mean = total / samples
+    return Estimate(mean, np.maximum(squares / samples - mean**2, 0) / max(samples - 1, 1))
+
+
+def _trace_together(
+    mitsuba: Any, scene: Any, origin: NDArray, direction: NDArray, samples: int, seed: int
+) -> Any:
+    """Values of rounds of samples, float64 [k, rays, 3]."""
+    n = len(direction)
+    count = max(min(WAVE // n, samples), 1)
+    start = mitsuba.Point3f(*(float(x) for x in origin))
+    towards = mitsuba.Vector3f(*np.tile(direction.T.astype(np.float32), (1, count)))
+    integrator = scene.integrator()
+    for first in range(0, samples, count):
+        sampler = mitsuba.load_dict({"type": "independent"})
+        sampler.seed(seed * 1_000_003 + first, n * count)
+        ray = mitsuba.RayDifferential3f(mitsuba.Ray3f(start, towards))
+        spectrum, *_ = integrator.sample(scene, sampler, ray)
+        values = np.array(spectrum, np.float64).T.reshape(count, n, 3)
+        yield values[: samples - first]
+
+
+def _trace_one_by_one(
+    mitsuba: Any, scene: Any, origin: NDArray, direction: NDArray, samples: int, seed: int
+) -> Any:
+    """As `_trace_together`, for variants without vectors."""
+    sampler = mitsuba.load_dict({"type": "independent"})
+    sampler.seed(seed, 1)
+    integrator = scene.integrator()
+    rays = [mitsuba.RayDifferential3f(mitsuba.Ray3f(list(origin), list(towards))) for towards in direction]
+    for _ in range(samples):
+        colours = [integrator.sample(scene, sampler, ray)[0] for ray in rays]
+        yield np.array([list(colour) for colour in colours], np.float64)[None]
+
+
+def z_scores(ours: Estimate, theirs: Estimate) -> NDArray:
+    """Differences over their standard errors, [n, 3]; 0 where both are the same."""
+    difference = ours.radiance - theirs.radiance
+    rounding = ROUNDING * np.maximum(ours.radiance, theirs.radiance)
+    error = np.sqrt(ours.variance + theirs.variance + rounding**2)
+    with np.errstate(divide="ignore"):
+        return np.divide(difference, error, out=np.zeros_like(difference), where=difference != 0)
+
+
+def acceptance(z: NDArray) -> float:
+    """Share of pixels [n, 3] whose difference may be chance, with Šidák's correction for testing many."""
+    from scipy.special import ndtri
+
+    alone = -np.expm1(np.log1p(-SIGNIFICANCE) / z.size)
+    return float(np.mean((np.abs(z) <= -ndtri(alone / 2)).all(axis=1)))
+
+
+def best_variant() -> str:
+    """`llvm_ad_rgb` where a child process survives its first use, else `scalar_rgb`."""
+    import subprocess
+    import sys
+
+    code = (
+        "import mitsuba; mitsuba.set_variant('llvm_ad_rgb'); assert list(mitsuba.Float([1, 2]) + 1) == [2, 3]"
+    )
+    tried = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, timeout=120)
+    return "llvm_ad_rgb" if tried.returncode == 0 else "scalar_rgb"
+
+
 def load_mitsuba(variant: str) -> Any:
     """The module `mitsuba` in one variant, with coslobe's BSDF.
 
@@ -62,168 +189,8 @@ def load_mitsuba(variant: str) -> Any:
         raise CoslobeError(
             f"Mitsuba ({variant}) cannot be loaded ({error})", "pip install 'coslobe[mitsuba]'"
         ) from error
-    _register_lobe_sum(mitsuba)
+    mitsuba_lobes.register(mitsuba)
     return mitsuba
-
-
-def mitsuba_scene(
-    mitsuba: Any, scene: "Scene", assets: "Assets", samples: int, folder: Path
-) -> dict[str, Any]:
-    """The scene as a dictionary for `mitsuba.load_dict`; meshes are written as PLY files into `folder`.
-
-    Transforms are Mitsuba's own objects, made by the module `mitsuba`, whose variant must be set.
-    """
-    look_at = scene.camera.look_at
-    result: dict[str, Any] = {
-        "type": "scene",
-        "integrator": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0, "hide_emitters": True},
-        "sensor": {
-            "type": "perspective",
-            "fov": scene.camera.fov,
-            "fov_axis": scene.camera.fov_axis,
-            "near_clip": 1e-4,
-            "far_clip": 1e6,
-            "to_world": mitsuba.ScalarTransform4f().look_at(
-                list(look_at.origin), list(look_at.target), list(look_at.up)
-            ),
-            "film": {
-                "type": "hdrfilm",
-                "width": scene.image.width,
-                "height": scene.image.height,
-                "rfilter": {"type": "box"},
-                "pixel_format": "rgb",
-                "component_format": "float32",
-            },
-            "sampler": {"type": "independent", "sample_count": samples},
-        },
-    }
-    for name, light in scene.lights.items():
-        result[f"light {name}"] = _emitter(light.sphere)
-    for name, obj in scene.objects.items():
-        if obj.visible:
-            shape = _shape(mitsuba, name, obj, assets, folder)
-            result[f"object {name}"] = {**shape, "bsdf": _bsdf(mitsuba, scene.materials[obj.material])}
-    return result
-
-
-def _emitter(sphere: "SphereLight") -> dict[str, Any]:
-    emission = _rgb(tuple(sphere.emission()))
-    if sphere.radius == 0:
-        return {"type": "point", "position": list(sphere.center), "intensity": emission}
-    emitter = {"type": "area", "radiance": emission}
-    return {"type": "sphere", "center": list(sphere.center), "radius": sphere.radius, "emitter": emitter}
-
-
-def _shape(mitsuba: Any, name: str, obj: "Object", assets: "Assets", folder: Path) -> dict[str, Any]:
-    matrix = obj.transform.matrix()
-    if obj.plane is not None:
-        half = obj.plane.size / 2
-        # Mitsuba's rectangle spans x and y in [-1, 1]; here it lies in x and z.
-        square = np.array([[half, 0, 0, 0], [0, 0, 1, 0], [0, -half, 0, 0], [0, 0, 0, 1]])
-        return {"type": "rectangle", "to_world": mitsuba.ScalarTransform4f(matrix @ square)}
-    if not obj.occludes:
-        raise CoslobeError(
-            f"objects.{name}: Mitsuba has no surfaces that do not occlude", "leave out `occludes: false`"
-        )
-    path = folder / f"{name}.ply"
-    write_ply(path, assets.mesh(obj), matrix)
-    return {"type": "ply", "filename": str(path), "face_normals": obj.normals == "flat"}
-
-
-def write_ply(path: Path, mesh: "Mesh", matrix: NDArray) -> None:
-    """A binary PLY file of a mesh with its normals, transformed by `matrix` [4, 4]."""
-    linear = matrix[:3, :3]
-    normals = mesh.normals @ np.linalg.inv(linear)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    vertices = mesh.vertices @ linear.T + matrix[:3, 3]
-    faces = np.empty(len(mesh.faces), np.dtype([("count", "u1"), ("corners", "<i4", 3)]))
-    faces["count"], faces["corners"] = 3, mesh.faces
-    properties = "".join(f"property float {axis}\n" for axis in ("x", "y", "z", "nx", "ny", "nz"))
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n{properties}"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    data = np.hstack([vertices, normals]).astype("<f4")
-    path.write_bytes(header.encode() + data.tobytes() + faces.tobytes())
-
-
-def _bsdf(mitsuba: Any, material: "Material") -> dict[str, Any]:
-    albedo = material.lambert.albedo if material.lambert else None
-    if isinstance(albedo, Texture) and (albedo.scale, albedo.offset) == (1, 0):
-        v_up = mitsuba.ScalarTransform4f().scale([1, -1, 1])  # in Mitsuba's pictures v runs down
-        reflectance = {"type": "bitmap", "filename": albedo.texture, "to_uv": v_up}
-        one_sided: dict[str, Any] = {"type": "diffuse", "reflectance": reflectance}
-    elif material.pictures or material.anisotropic:
-        raise CoslobeError(
-            "Mitsuba is given no textures but plain albedos, and no anisotropic materials", "leave them out"
-        )
-    elif albedo is not None and not isinstance(albedo, Texture):
-        one_sided = {"type": "diffuse", "reflectance": _rgb(albedo)}
-    else:
-        one_sided = {"type": LOBE_SUM, "terms": json.dumps(_terms(material))}
-    return {"type": "twosided", "bsdf": one_sided}
-
-
-def _terms(material: Any) -> list[dict[str, Any]]:
-    """colour max(c_x v_x l_x + c_y v_y l_y + c_z v_z l_z, 0)^exponent, with the cosine or without."""
-    mirror = (-1.0, -1.0, 1.0)
-
-    def term(colour: Any, factor: float, c: Any = mirror, exponent: Any = 0.0, *, cosine: bool = True) -> Any:
-        return {"colour": [factor * part for part in colour], "c": c, "exponent": exponent, "cosine": cosine}
-
-    constant = (0.0, 0.0, 1.0)  # v_z l_z to the power of 0
-    if material.phong is not None:
-        phong, n = material.phong, material.phong.exponent
-        return [term(phong.kd, 1 / np.pi, constant), term(phong.ks, (n + 2) / (2 * np.pi), mirror, n)]
-    if material.phong_1975 is not None:
-        old = material.phong_1975
-        return [term(old.kd, 1.0, constant), term(old.ks, 1.0, mirror, old.exponent, cosine=False)]
-    assert material.lafortune is not None
-    lobes = material.lafortune.lobes
-    return [
-        term(material.lafortune.kd, 1 / np.pi, constant),
-        *(term(lobe.rho, 1.0, lobe.c, lobe.exponent) for lobe in lobes),
-    ]
-
-
-def _register_lobe_sum(mitsuba: Any) -> None:
-    """Mitsuba 3 has no cosine lobes of its own: this is a BSDF of them for its plugin interface, `eval` only.
-
-    In Mitsuba's shading frame, whose z is the normal. Its `direct` integrator samples emitters only, so that
-    nothing is sampled here.
-    """
-    import drjit
-
-    class LobeSum(mitsuba.BSDF):
-        def __init__(self, properties: Any) -> None:
-            mitsuba.BSDF.__init__(self, properties)
-            self.terms = json.loads(properties["terms"])
-            self.m_flags = mitsuba.BSDFFlags.GlossyReflection | mitsuba.BSDFFlags.FrontSide
-            self.m_components = [self.m_flags]
-
-        def eval(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
-            view, value = interaction.wi, mitsuba.Color3f(0)
-            for term in self.terms:
-                x, y, z = term["c"]
-                cosine = drjit.maximum(x * view.x * light.x + y * view.y * light.y + z * view.z * light.z, 0)
-                lobe = drjit.power(cosine, term["exponent"])
-                value += mitsuba.Color3f(term["colour"]) * (lobe * light.z if term["cosine"] else lobe)
-            return drjit.select(active & (view.z > 0) & (light.z > 0), value, mitsuba.Color3f(0))
-
-        def pdf(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
-            return mitsuba.Float(0)
-
-        def eval_pdf(self, context: Any, interaction: Any, light: Any, active: Any = True) -> Any:
-            return self.eval(context, interaction, light, active), mitsuba.Float(0)
-
-        def traverse(self, callback: Any) -> None:
-            pass
-
-    mitsuba.register_bsdf(LOBE_SUM, LobeSum)
-
-
-def _rgb(colour: tuple[float, ...]) -> dict[str, Any]:
-    return {"type": "rgb", "value": list(colour)}
 
 
 def image_shift(image: NDArray, reference: NDArray) -> tuple[float, float]:

@@ -1,44 +1,25 @@
-"""Direct light by Monte Carlo integration: unbiased, with the variance of every mean."""
+"""Direct light: directions of the light and of sharp lobes, each used where it is good."""
 
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.core.device import cpu_count
 from coslobe.core.progress import SILENT, Progress
 from coslobe.evaluate.brdf import Lobe, Term, Vectors, brdf_terms, dot
+from coslobe.evaluate.integration import Estimate, integrate, pair_moments, uniform
 from coslobe.evaluate.occlusion import Occluders, Segments, entry_distance
-from coslobe.evaluate.sampling import Caps, Strata, light_caps, square_to_cap, square_to_lobe
+from coslobe.evaluate.sampling import Caps, Strata, light_caps, light_measure, square_to_cap, square_to_lobe
 
 if TYPE_CHECKING:
     from coslobe.render.gbuffer import GBuffer
-    from coslobe.render.scene import Material, Scene, SphereLight
+    from coslobe.render.scene import Scene
 
-BLOCK = 1 << 15
-"""Samples that are worked on at once: small enough for the caches of a core."""
-
-BLOCK_POINTS = 256
-"""Points at most in a block: what is made per point and sphere stays small, too."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Means over samples and how far they may be off.
-
-    Attributes
-    ----------
-    radiance : float64 [n, 3]
-        Towards the viewer.
-    variance : float64 [n, 3]
-        An unbiased estimate of the variance of `radiance` (of the mean, not of one sample).
-    """
-
-    radiance: NDArray
-    variance: NDArray
+SHARP = 0.2
+"""Lobes get directions of their own up to this width, in widths of the light's cap (by solid angle).
+Measured: the strata of the light resolve broader ones as well, with half of the rays."""
 
 
 def direct_light(
@@ -50,100 +31,74 @@ def direct_light(
     progress: Progress = SILENT,
     name: str = "reference",
 ) -> Estimate:
-    """Radiance of every shaded point: per light, the mean of f cos V L over the cap times its solid angle.
+    """Radiance of every shaded point from all lights, with the same grid of samples everywhere.
 
-    A lobe that is narrower than the light's cap gets directions of its own, distributed as the lobe is.
     Random numbers depend on `seed` and the point only, not on the number of threads.
     """
-    materials = list(scene.materials.values())
-    lights = [light.sphere for light in scene.lights.values()]
-    blocks = list(_blocks(gbuffer, grid.samples))
-    radiance = np.zeros_like(gbuffer.position)
-    variance = np.zeros_like(gbuffer.position)
-
-    def work(task: tuple[int, NDArray]) -> Estimate:
-        number, points = task
-        rng = np.random.default_rng((*seed, number))
-        material = materials[gbuffer.material[points[0]]]
-        return _block_light(gbuffer, points, material, lights, occluders, grid, rng)
-
-    with progress.task(name, len(gbuffer.position)) as advance:
-        for points, estimate in zip(blocks, _parallel(work, enumerate(blocks)), strict=True):
-            radiance[points], variance[points] = estimate.radiance, estimate.variance
-            advance(len(points))
-    return Estimate(radiance, variance)
+    sources = direct_sources(scene, gbuffer, occluders)
+    choice = uniform(grid, len(sources), len(gbuffer.position))
+    return integrate(sources, gbuffer.material, choice, seed, name, progress)[0]
 
 
-def _blocks(gbuffer: "GBuffer", samples: int) -> Iterator[NDArray]:
-    """Indices of neighbouring points of the same material, about BLOCK samples' worth at a time."""
-    count = min(max(BLOCK // samples, 1), BLOCK_POINTS)
-    for material in np.unique(gbuffer.material):
-        points = np.flatnonzero(gbuffer.material == material)
-        yield from np.array_split(points, range(count, len(points), count))
+def direct_sources(scene: "Scene", gbuffer: "GBuffer", occluders: Occluders) -> "list[DirectLight]":
+    """One per light of the scene, in its order."""
+    return [DirectLight(scene, gbuffer, occluders, index) for index in range(len(scene.lights))]
 
 
-def _parallel(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[Any]:
-    """Results in the order of the tasks, computed by one thread per CPU; NumPy and Embree free the others."""
-    executor = ThreadPoolExecutor(cpu_count())
-    try:
-        yield from executor.map(function, tasks)
-    finally:
-        executor.shutdown(cancel_futures=True)
+class DirectLight:
+    """Light that comes straight from one light: a `Source` of `integrate`.
 
+    The mean of f cos V L over the light's cap times its solid angle. A lobe that is sharp beside the cap also
+    gets directions that are distributed as it is; both kinds are combined by multiple importance sampling
+    with the power heuristic (Veach and Guibas 1995).
+    """
 
-def _block_light(
-    gbuffer: "GBuffer",
-    points: NDArray,
-    material: "Material",
-    lights: "list[SphereLight]",
-    occluders: Occluders,
-    grid: Strata,
-    rng: np.random.Generator,
-) -> Estimate:
-    """The light on points of one material."""
-    radiance = np.zeros((len(points), 3))
-    variance = np.zeros((len(points), 3))
-    for index, light in enumerate(lights):
-        center = np.asarray(light.center, np.float64)
-        height = np.einsum("ij,ij->i", center - gbuffer.position[points], gbuffer.geometric_normal[points])
-        lit = np.flatnonzero(height > -light.radius)  # elsewhere the light is wholly below the horizon
+    cost = 1.0
+    decay = 1.5  # the edge of a shadow crosses sqrt(n) of n strata
+
+    def __init__(self, scene: "Scene", gbuffer: "GBuffer", occluders: Occluders, index: int) -> None:
+        self._gbuffer = gbuffer
+        self._occluders = occluders
+        self._index = index
+        self._light = list(scene.lights.values())[index].sphere
+        self._center = np.asarray(self._light.center, np.float64)
+        self._materials = list(scene.materials.values())
+
+    def estimate(self, points: NDArray, grid: Strata, rng: np.random.Generator) -> Estimate:
+        """The light on points of one material."""
+        gbuffer, radius = self._gbuffer, self._light.radius
+        radiance, variance = np.zeros((2, len(points), 3))
+        offset = self._center - gbuffer.position[points]
+        height = np.einsum("ij,ij->i", offset, gbuffer.geometric_normal[points])
+        lit = np.flatnonzero(height > -radius)  # elsewhere the light is wholly below the horizon
         if len(lit) == 0:
-            continue
-        at = points[lit]
+            return Estimate(radiance, variance)
+        at, offset = points[lit], offset[lit]
         position = gbuffer.position[at]
         geometric, shading = gbuffer.geometric_normal[at], gbuffer.shading_normal[at]
-        caps = light_caps(position, geometric, center, light.radius)
-        for part in _parts(
-            brdf_terms(material, gbuffer, at), caps, center - position, light.radius, grid, rng
-        ):
+        caps = light_caps(position, geometric, self._center, radius)
+        terms = brdf_terms(self._materials[gbuffer.material[at[0]]], gbuffer, at)
+        for part in _parts(terms, caps, offset, radius, grid, rng):
             directions = part.directions
             cosine = np.maximum(dot(shading, directions), 0.0)
             wanted = (cosine > 0) & (dot(geometric, directions) > 0)
             if part.beyond:
                 wanted &= dot(caps.axis, directions) >= 1 - caps.height[:, None]
-            reach = entry_distance(position, directions, center, light.radius)
-            segments = Segments(
-                position,
-                geometric,
-                gbuffer.object[at],
-                index,
-                center,
-                light.radius,
-                directions,
-                reach,
-                wanted,
+            reach = entry_distance(position, directions, self._center, radius)
+            owner = gbuffer.object[at]
+            place = (self._index, self._center, radius)
+            segments = Segments(position, geometric, owner, *place, directions, reach, wanted)
+            wanted &= ~self._occluders.blocked(segments)
+            lit_cosine = np.where(wanted, cosine, 0.0)
+            mean, covariance = pair_moments(
+                np.stack([value * (lit_cosine if term.cosine else wanted) for term, value in part.terms])
             )
-            wanted &= ~occluders.blocked(segments)
-            values = [
-                value * np.where(wanted, cosine if term.cosine else 1.0, 0.0) for term, value in part.terms
-            ]
-            mean, covariance = _moments(values)
-            colours = np.stack([term.colour for term, _ in part.terms]) * light.emission()
-            radiance[lit] += part.measure[:, None] * np.einsum("pk,kpc->pc", mean, colours)
+            colours = np.stack([term.colour for term, _ in part.terms]) * self._light.emission()
+            radiance[lit] += part.measure[:, None] * np.einsum("kp,kpc->pc", mean, colours)
             variance[lit] += part.measure[:, None] ** 2 * np.einsum(
-                "pkl,kpc,lpc->pc", covariance, colours, colours
+                "klp,kpc,lpc->pc", covariance, colours, colours
             )
-    return Estimate(radiance, variance)
+        return Estimate(radiance, variance)
 
 
 @dataclass(frozen=True)
@@ -152,8 +107,8 @@ class _Part:
 
     Attributes
     ----------
-    terms : list of (term, [n, s] or a number)
-        With the term's scalar function over the density of the directions times `measure`.
+    terms : list of (term, [n, s])
+        With the term's scalar function over the density of the directions times `measure`, weighted.
     directions : x, y, z of [n, s]
     measure : float64 [n]
         What a mean over the directions stands for.
@@ -161,7 +116,7 @@ class _Part:
         Directions may miss the light.
     """
 
-    terms: "list[tuple[Term, NDArray | float]]"
+    terms: "list[tuple[Term, NDArray]]"
     directions: Vectors
     measure: NDArray
     beyond: bool
@@ -170,37 +125,34 @@ class _Part:
 def _parts(
     terms: list[Term], caps: Caps, to_light: NDArray, radius: float, grid: Strata, rng: np.random.Generator
 ) -> Iterator[_Part]:
-    """Directions of the light for broad terms, and its own for each lobe narrower than the light."""
-    n = len(to_light)
-    narrow = [
-        term
-        for term in terms
-        if isinstance(term, Lobe) and radius > 0 and np.mean(1 / (term.exponent + 1)) < np.mean(caps.height)
-    ]
-    directions = square_to_cap(*grid.jittered(rng, n), caps)
-    broad: list[tuple[Term, NDArray | float]] = [
-        (term, term.values(directions)) for term in terms if term not in narrow
-    ]
-    yield _Part(broad, directions, _measure(caps, to_light, radius), beyond=False)
-    for lobe in narrow:
-        directions = square_to_lobe(*grid.jittered(rng, n), lobe.axis, lobe.exponent)
-        yield _Part([(lobe, 1.0)], directions, lobe.integral(), beyond=True)
+    """Directions of the light for all terms, and its own for each lobe that is sharp beside the light.
 
-
-def _measure(caps: Caps, to_light: NDArray, radius: float) -> NDArray:
-    """What the mean over the samples stands for: the cap's solid angle, or 1 / d^2 for a point light."""
-    if radius > 0:
-        return 2 * np.pi * caps.height
-    return 1 / np.maximum(np.einsum("ij,ij->i", to_light, to_light), np.finfo(float).tiny)
-
-
-def _moments(values: list[NDArray]) -> tuple[NDArray, NDArray]:
-    """Means [n, k] of the k functions sampled as [n, s], and the covariance of these means [n, k, k].
-
-    Samples i and i + s/2 share a stratum. In a stratum with the difference d, the mean of the two has the
-    variance d^2 / 4 in expectation, and the mean over all s/2 strata the sum of these over (s/2)^2.
+    With q = density of the lobe's directions / density of the light's, the power heuristic gives the light's
+    the weight 1 / (1 + q^2), and the lobe's q^2 / (1 + q^2).
     """
-    strata = values[0].shape[1] // 2
-    means = np.stack([value.mean(axis=1) for value in values], axis=-1)
-    differences = np.stack([value[:, :strata] - value[:, strata:] for value in values])
-    return means, np.einsum("kns,lns->nkl", differences, differences) / (4 * strata * strata)
+    n = len(to_light)
+    measure = light_measure(caps, to_light, radius)
+    sharp = [term for term in terms if isinstance(term, Lobe) and radius > 0 and _is_sharp(term, caps)]
+    directions = square_to_cap(*grid.jittered(rng, n), caps)
+    values = [(term, term.values(directions)) for term in terms]
+    weighted = [
+        (term, value / (1 + _ratio(term, value, measure) ** 2) if term in sharp else value)
+        for term, value in values
+    ]
+    yield _Part(weighted, directions, measure, beyond=False)
+    for lobe in sharp:
+        directions = square_to_lobe(*grid.jittered(rng, n), lobe.axis, lobe.exponent)
+        squared = _ratio(lobe, lobe.values(directions), measure) ** 2
+        yield _Part([(lobe, squared / (1 + squared))], directions, lobe.integral(), beyond=True)
+
+
+def _is_sharp(lobe: Lobe, caps: Caps) -> bool:
+    return bool(np.mean(1 / (lobe.exponent + 1)) < SHARP * np.mean(caps.height))
+
+
+def _ratio(term: Term, value: NDArray, measure: NDArray) -> NDArray:
+    """Density of the lobe's own directions over the light's, which is 1 / measure within the cap."""
+    assert isinstance(term, Lobe)
+    integral = term.integral()
+    scale = np.divide(measure, integral, out=np.zeros_like(measure), where=integral > 0)
+    return value * scale[:, None]

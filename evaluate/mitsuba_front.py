@@ -22,7 +22,7 @@ from coslobe.core.progress import SILENT, Progress
 VARIANTS = ("llvm_ad_rgb", "scalar_rgb")
 SAMPLES = (1, 4, 16, 64, 256)  # squares: the sampler stratifies them best
 RUNS = 7
-LONGEST = 6.0
+LONGEST = 12.0
 """Seconds of one run beyond which no more samples are tried."""
 
 ROW = '{"variant"'  # how a row of the child begins; what the packages print may stand before it
@@ -84,19 +84,19 @@ def mitsuba_front(
                     child.kill()
                 complaints.seek(0)
                 complaint = complaints.read().strip().splitlines()
-            reason = complaint[-1] if complaint else "its process ended"
+            # The last line of a traceback, without the exception's name.
+            reason = complaint[-1].split("Error: ", 1)[-1] if complaint else "its process ended"
             if some:
                 return
     raise CoslobeError(f"Mitsuba cannot render {scene}: {reason}", "pip install 'coslobe[mitsuba]'")
 
 
-def main(folder: Path) -> None:
-    """In the child: read the task from stdin; write one line per number of samples, and its picture."""
+def measured(folder: Path, task: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """In the child: one row per number of samples; their pictures are written into `folder`."""
     from coslobe.evaluate.crosscheck import load_mitsuba, mitsuba_scene
     from coslobe.render.assets import Assets
     from coslobe.render.scene import load_scene
 
-    task = json.loads(sys.stdin.read())
     variant = task["variant"]
     mitsuba = load_mitsuba(variant)
     scene = load_scene(task["scene"], task["overrides"]).at(task["frame"])
@@ -127,7 +127,7 @@ def main(folder: Path) -> None:
             "seconds": [run[0] for run in runs],
             "cpu_seconds": [run[1] for run in runs],
         }
-        print(json.dumps(row), flush=True)
+        yield row
         if max(run[2] for run in runs) > LONGEST:
             return
 
@@ -142,7 +142,5 @@ def _timed(
 
 
 if __name__ == "__main__":
-    try:
-        main(Path(sys.argv[1]))
-    except CoslobeError as error:
-        sys.exit(str(error))
+    for found in measured(Path(sys.argv[1]), json.loads(sys.stdin.read())):
+        print(json.dumps(found), flush=True)

@@ -1,6 +1,6 @@
 """What stands between a point and a light: the true meshes, or the exact spheres of the sphere sets."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,10 @@ Embree's float32, and far below what a sphere set can resolve."""
 
 ROUNDING_OFFSET = 1e-6
 """The same for receivers that occlude nothing themselves, in diagonals of all occluding meshes together."""
+
+
+MOST_PAIRS = 1 << 20
+"""Pairs of a point and a sphere that are looked at together: what bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,20 @@ class Segments:
     reach: NDArray
     wanted: NDArray
 
+    def part(self, first: int, count: int) -> "Segments":
+        """Those of `count` points from the index `first` on."""
+        some = slice(first, first + count)
+        x, y, z = self.directions
+        return replace(
+            self,
+            position=self.position[some],
+            normal=self.normal[some],
+            object=self.object[some],
+            directions=(x[some], y[some], z[some]),
+            reach=self.reach[some],
+            wanted=self.wanted[some],
+        )
+
 
 def entry_distance(position: NDArray, directions: Vectors, center: NDArray, radius: float) -> NDArray:
     """Distance from points [n, 3] along directions [n, s] of their caps to the light; 0 from inside it."""
@@ -103,7 +121,9 @@ class Occluders:
 
     def blocked(self, segments: Segments) -> NDArray:
         """Which of the sampled directions are blocked before they reach the light: bool [n, s]."""
-        blocked = blocked_by_spheres(segments, self._spheres)
+        count = max(MOST_PAIRS // max(len(self._spheres), 1), 1)
+        parts = [segments.part(first, count) for first in range(0, len(segments.position), count)]
+        blocked = np.concatenate([blocked_by_spheres(part, self._spheres) for part in parts])
         if self._meshes is not None:
             blocked |= self._meshes.blocked(segments, segments.wanted & ~blocked)
         return blocked
@@ -265,10 +285,10 @@ class Meshes:
             for index, obj in occluding
             for mesh in (assets.mesh(obj),)
         }
-        boxes = {index: _box(vertices) for index, (vertices, _) in world.items()}
+        boxes = {index: box(vertices) for index, (vertices, _) in world.items()}
         self._centers = np.array([center for center, _ in boxes.values()]).reshape(-1, 3)
         self._radii = np.array([radius for _, radius in boxes.values()])
-        self._origin, radius = _box(np.concatenate([v for v, _ in world.values()] or [np.zeros((1, 3))]))
+        self._origin, radius = box(np.concatenate([v for v, _ in world.values()] or [np.zeros((1, 3))]))
         self._scale = 1 / radius if radius > 0 else 1.0
         for vertices, faces in world.values():
             local = ((vertices - self._origin) * self._scale).astype(np.float32)
@@ -302,7 +322,7 @@ def _transformed(vertices: NDArray, matrix: NDArray) -> NDArray:
     return vertices @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _box(vertices: NDArray) -> tuple[NDArray, float]:
+def box(vertices: NDArray) -> tuple[NDArray, float]:
     """Centre of the bounding box, and half its diagonal."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     return (low + high) / 2, float(np.linalg.norm(high - low) / 2)

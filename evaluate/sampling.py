@@ -82,6 +82,16 @@ def light_caps(position: NDArray, normal: NDArray, center: NDArray, radius: floa
     return Caps(axis, height)
 
 
+def light_measure(caps: Caps, to_light: NDArray, radius: float) -> NDArray:
+    """What a mean over directions of the caps stands for, [n]: solid angles, or 1 / d^2 for a point light.
+
+    `to_light` [n, 3] reaches from the points to the light's centre.
+    """
+    if radius > 0:
+        return 2 * np.pi * caps.height
+    return 1 / np.maximum(np.einsum("ij,ij->i", to_light, to_light), np.finfo(float).tiny)
+
+
 def square_to_cap(u: NDArray, v: NDArray, caps: Caps) -> Vectors:
     """Directions uniform in each point's cap, from the unit square [n, s]: x, y, z of unit vectors, [n, s].
 

@@ -32,7 +32,7 @@ class PackedMaterials:
     materials : MATERIAL [max(n, 1)]
         One of each material, and of a material with textures one for each point that shows it.
     lobes : LOBE [max(m, 1)]
-        Of all of them, one after another.
+        Of all of them; a material's own are its `lobe_step` apart.
     index : int32 [points]
         The entry of `materials` that each point has.
     exponents : float64 [k]
@@ -162,10 +162,10 @@ def pack_materials(materials: Mapping[str, "Material"], gbuffer: "GBuffer") -> P
             rank[points] = np.arange(len(points))
         block = np.zeros(len(points), MATERIAL)
         block["kd"], block["n_lobes"] = diffuse, len(own)
-        block["first_lobe"] = n_lobes + len(own) * np.arange(len(points))
-        entries = np.zeros((len(points), len(own)), LOBE)
-        for k, lobe in enumerate(own):
-            _fill(entries[:, k], lobe, name)
+        block["first_lobe"], block["lobe_step"] = n_lobes + np.arange(len(points)), len(points)
+        entries = np.zeros((len(own), len(points)), LOBE)
+        for entry, lobe in zip(entries, own, strict=True):
+            _fill(entry, lobe, name)
         blocks.append(block)
         lobe_blocks.append(entries.ravel())
         n_materials, n_lobes = n_materials + len(block), n_lobes + entries.size

@@ -64,7 +64,7 @@ inline float3 glossy_cells(const ru *lit, __constant uint *disk, float h, float3
    coarse for the edges of shadows in it: a disk of WINDOW lobe widths around its axis, in which the light's outline is
    one more edge. x is negative where the light hardly reaches into the disk. */
 inline float3 window_cells(const bound_lobe_t *lobe, const receiver_t *receiver, const cap_t *cap,
-                           const blockers_t *blockers, int light, __constant uint *disk, uint *splats)
+                           const __local blockers_t *blockers, int light, __constant uint *disk, uint *splats)
 {
     cap_t window = *cap;
     window.a = lobe->axis;

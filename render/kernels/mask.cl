@@ -33,39 +33,71 @@ inline float column_centre(int c)
     return (c + 0.5f) * (2.0f / ROWS) - 1.0f;
 }
 
-/* The bits of cells from `low` to `high` (in cell units, 0 at the left edge) where `valid`. FIRST and LAST round by
-   the mask's mode: a cell counts where its centre, all of it, or any of it is covered. */
+#define MIDDLE (0.5f * ROWS + 0.5f) /* of a row of cells, in units of which the left edge is 1/2 */
+
+/* The bits of cells from `low` to `high`, in cell units, 1/2 at the left edge, where `valid`. FIRST and LAST round by the
+   mask's mode: a cell counts where its centre, all of it, or any of it is covered. Truncation stands for ceil and floor,
+   which runtimes spell out in many instructions; it differs only where an edge is a whole number of cells. */
 inline ru interval_bits(rf low, rf high, ri valid)
 {
-    const ri first = TO_RI(ceil(clamp(low + FIRST, 0.0f, (float)ROWS)));
-    const ri last = TO_RI(floor(clamp(high + LAST, -1.0f, ROWS - 1.0f)));
-    const ru bits = ((ru)(0xffffffffu) << AS_RU(first & 31)) & ((ru)(0xffffffffu) >> AS_RU((31 - last) & 31));
-    return bits & AS_RU(valid & (last >= first));
+    const rf first = fmax(low - (-0.5f - FIRST), 0.0f), end = fmin(high - (-0.5f - LAST), (float)ROWS);
+    const ru bits = ((ru)(0xffffffffu) << AS_RU(TO_RI(first) & 31)) & ((ru)(0xffffffffu) >> AS_RU(-TO_RI(end) & 31));
+    return select((ru)(0), bits, AS_RU(valid & (first < 32.0f) & (end >= 1.0f)));
 }
 
-/* Mark what a sphere covers. o = (ox, oy, oz) is its centre in the mask's frame, tau = max(|o|^2 - r^2, 0) the
+/* A sphere whose outline on the mask's plane is an ellipse within reach, by what its rows need, in cell units: with y
+   from -1 to 1, it covers half a chord of sqrt(size + growth y^2 - (offset - slope y)^2) around middle + shear y. */
+typedef struct {
+    float middle, shear, offset, slope, size, growth;
+} ellipse_t;
+
+/* What it covers in the rows of vector k. */
+inline ru ellipse_bits(const ellipse_t *e, int k)
+{
+    const rf y = row_centres(k);
+    const rf middle = e->middle + e->shear * y, c = e->offset - e->slope * y;
+    const rf disc = e->size + e->growth * (y * y) - c * c;
+    const rf root = sqrt(fmax(disc, 0.0f));
+    return interval_bits(middle - root, middle + root, disc > 0.0f);
+}
+
+/* Ellipses of VW spheres at a time. o = (ox, oy, oz) is a centre in the mask's frame, tau = max(|o|^2 - r^2, 0) the
    square of the tangent's length, rho2 = min(r^2, |o|^2): a point inside a sphere sees it as a half-space.
    Per row (o.p)^2 >= tau |p|^2 with p = (x, y, 1) is a quadratic in x. Its discriminant is written as
    tau (rho2 (y^2 + 1) - (oy - oz y)^2), which does not cancel for small caps (theory, section 5). */
-inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float tau, float rho2)
+typedef struct {
+    vf middle, shear, offset, slope, size, growth;
+    vf begin, end; /* rows */
+} ellipses_t;
+
+/* The lanes for which that holds; others are for splat_outline. */
+inline vi ellipses_of(ellipses_t *e, float h, vf ox, vf oy, vf oz, vf tau, vf rho2)
+{
+    const float cells = 0.5f * ROWS / h;
+    const vf a2 = ox * ox - tau, inverse = -cells / a2;
+    const vf scale = inverse * sqrt(tau);
+    e->shear = h * inverse * ox * oy;
+    e->middle = inverse * ox * oz + MIDDLE;
+    e->offset = scale * oy;
+    e->slope = scale * oz * h;
+    e->size = scale * scale * rho2;
+    e->growth = e->size * (h * h);
+    /* The rows that it reaches, where that is an interval. */
+    const vf q = oz * oz - rho2, to_rows = cells / fmax(q, 1e-30f);
+    const vf centre = oy * oz * to_rows + 0.5f * ROWS, reach = sqrt(fmax(rho2 * (q + oy * oy), 0.0f)) * to_rows + 0.01f;
+    const vi all = q <= 1e-3f * rho2;
+    e->begin = select(centre - reach - 0.5f, (vf)(0.0f), all);
+    e->end = select(centre + reach + 0.5f, (vf)(ROWS), all);
+    return (a2 < -0.25f * (tau + rho2)) & (oz > fabs(oy) * h);
+}
+
+/* Mark what a sphere covers whose outline is no ellipse within reach; o, tau and rho2 as above. */
+inline void splat_outline(ru *mask, float h, float ox, float oy, float oz, float tau, float rho2)
 {
     const float a2 = ox * ox - tau;
     const float cells = 0.5f * ROWS / h;
-    const float half_row = 0.5f * ROWS;
-    if (a2 < -0.25f * (tau + rho2)) { /* an ellipse within reach: one interval a row */
-        const float inverse = cells / a2;
-        for (int k = 0; k < NR; k++) {
-            const rf y = row_centres(k) * h;
-            const rf u = oy * y + oz, b = ox * u, c = oy - oz * y;
-            const rf disc = tau * (rho2 * (y * y + 1.0f) - c * c);
-            const rf root = sqrt(fmax(disc, 0.0f));
-            mask[k] |= interval_bits((root - b) * inverse + half_row, (-b - root) * inverse + half_row,
-                                     (disc > 0.0f) & (u > 0.0f));
-        }
-        return;
-    }
-    /* A large cap, whose outline may leave the plane: roots in the form that survives a2 = 0. Straight ahead of a point
-       inside the sphere they would be 0 / 0; any trace of ox then puts them far outside the plane. */
+    /* Roots in the form that survives a2 = 0. Straight ahead of a point inside the sphere they would be 0 / 0; any trace
+       of ox then puts them far outside the plane. */
     ox = fabs(ox) < 1e-20f ? 1e-20f : ox;
     for (int k = 0; k < NR; k++) {
         const rf y = row_centres(k) * h;
@@ -88,8 +120,22 @@ inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float 
             high = ox > 0.0f ? (rf)(INFINITY) : lower;
             valid = (ri)(-1);
         }
-        mask[k] |= interval_bits(low * cells + half_row, high * cells + half_row, valid);
+        mask[k] |= interval_bits(low * cells + MIDDLE, high * cells + MIDDLE, valid);
     }
+}
+
+/* Mark what a sphere covers. */
+inline void splat_sphere(ru *mask, float h, float ox, float oy, float oz, float tau, float rho2)
+{
+    ellipses_t e;
+    const vi simple = ellipses_of(&e, h, (vf)(ox), (vf)(oy), (vf)(oz), (vf)(tau), (vf)(rho2));
+    const ellipse_t one = {e.middle.s0, e.shear.s0, e.offset.s0, e.slope.s0, e.size.s0, e.growth.s0};
+    if (!simple.s0) {
+        splat_outline(mask, h, ox, oy, oz, tau, rho2);
+        return;
+    }
+    for (int k = 0; k < NR; k++)
+        mask[k] |= ellipse_bits(&one, k);
 }
 
 /* Mark what lies below the plane with normal n (in the mask's frame). */
@@ -99,7 +145,7 @@ inline void splat_horizon(ru *mask, float h, float3 n)
     for (int k = 0; k < NR; k++) {
         const rf height = n.y * row_centres(k) * h + n.z;
         if (fabs(n.x) * h > 1e-6f * fabs(n.z)) {
-            const rf edge = -height / n.x * cells + 0.5f * ROWS;
+            const rf edge = -height / n.x * cells + MIDDLE;
             const rf low = n.x > 0.0f ? (rf)(-INFINITY) : edge, high = n.x > 0.0f ? edge : (rf)(INFINITY);
             mask[k] |= interval_bits(low, high, (ri)(-1));
         } else {
@@ -132,18 +178,22 @@ inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, 
     }
 }
 
-/* Number of set bits and the sums of column positions and of y over them: six bit counts a row instead of a
-   loop over cells. x and y in the frame's units. */
+/* Number of set bits and the sums of column positions and of y over them, x and y in the frame's units. Fields of 2, 4 and
+   8 bits hold counts and sums of positions within the field, each from the two halves of the next; runtimes would count
+   the bits of a vector lane by lane. */
 inline float3 bit_moments(const ru *bits, float h)
 {
     rf count = 0.0f, column = 0.0f, row = 0.0f;
     for (int k = 0; k < NR; k++) {
-        const ru b = bits[k];
-        const rf n = TO_RF(popcount(b));
-        const ru positions = popcount(b & 0xaaaaaaaau) + 2 * popcount(b & 0xccccccccu) + 4 * popcount(b & 0xf0f0f0f0u)
-                           + 8 * popcount(b & 0xff00ff00u) + 16 * popcount(b & 0xffff0000u);
+        const ru odd = (bits[k] >> 1) & 0x55555555u, pairs = (bits[k] & 0x55555555u) + odd;
+        const ru high2 = (pairs >> 2) & 0x33333333u, nibbles = (pairs & 0x33333333u) + high2;
+        const ru at4 = (odd & 0x33333333u) + ((odd >> 2) & 0x33333333u) + (high2 << 1);
+        const ru high4 = (nibbles >> 4) & 0x0f0f0f0fu, bytes = (nibbles & 0x0f0f0f0fu) + high4;
+        const ru at8 = (at4 & 0x0f0f0f0fu) + ((at4 >> 4) & 0x0f0f0f0fu) + (high4 << 2);
+        /* Sums over the four bytes, with their own positions 0 to 3 for the columns. */
+        const rf n = TO_RF((bytes * 0x01010101u) >> 24);
         count += n;
-        column += TO_RF(positions);
+        column += TO_RF(((at8 * 0x01010101u) >> 24) + (((bytes * 0x00010203u) >> 24) << 3));
         row += n * row_centres(k);
     }
     const float n = row_sum(count);

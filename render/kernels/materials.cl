@@ -1,41 +1,26 @@
-/* A point's BRDF as the sum of a diffuse term and lobes. Twin: coslobe.render.materials.bound_lobe. */
+/* BRDFs of points as sums of a diffuse term and lobes. Twin: coslobe.render.materials.bound_lobe. */
 
-/* colour max(axis.l, 0)^exponent, in 1/sr; where `cosine` is 0 it already stands for BRDF times cosine. The samples of
-   the lobe-over-cap table at the exponent begin at `slice`. */
+/* One lobe of each point: colour max(axis.l, 0)^exponent, in 1/sr; where `cosine` is 0 it already stands for BRDF times
+   cosine. The lobe-over-cap table's samples at the exponent are those of `slice`. */
+typedef struct {
+    pf3 axis, colour;
+    pf exponent;
+    pi slice, cosine;
+} bound_lobes_t;
+
+/* Points with fewer lobes than others beside them have black ones. */
+typedef struct {
+    pf3 kd;
+    int n_lobes;
+    bound_lobes_t lobes[MAX_LOBES > 0 ? MAX_LOBES : 1];
+} brdfs_t;
+
+/* The same of one point. */
 typedef struct {
     float3 axis, colour;
     float exponent;
-    __global const float4 *slice;
     int cosine;
 } bound_lobe_t;
-
-/* rho max(cx vx lx + cy vy ly + cz vz lz, 0)^n in the tangent frame (x, y, normal n) is a lobe around w = c v of the
-   amplitude rho |w|^n (30). |w|^2 = 1 - sum of (1 - c^2) v^2 without the rounding of a length, which a large n would
-   magnify; the host has scaled c so that its largest component is 1. */
-inline bound_lobe_t bind_lobe(const lobe_t lobe, __global const float4 *slices, float3 view, float3 n, float3 x)
-{
-    const float vz = dot(view, n);
-#if ANISOTROPIC
-    const float3 y = cross(n, x);
-    const float vx = dot(view, x), vy = dot(view, y);
-    const float3 w = lobe.c[0] * vx * x + lobe.c[1] * vy * y + lobe.c[2] * vz * n;
-    const float lost = lobe.deficit[0] * vx * vx + lobe.deficit[1] * vy * vy + lobe.deficit[2] * vz * vz;
-#else
-    const float3 across = view - vz * n;
-    const float3 w = lobe.c[0] * across + lobe.c[2] * vz * n;
-    const float lost = lobe.deficit[0] * dot(across, across) + lobe.deficit[2] * vz * vz;
-#endif
-    const float log_length = 0.5f * log1p(-fmin(lost, 1.0f));
-    bound_lobe_t bound;
-    bound.axis = lost < 1.0f ? normalize(w) : n;
-    bound.colour = (float3)(lobe.rho[0], lobe.rho[1], lobe.rho[2]);
-    if (lost > 0.0f)
-        bound.colour *= exp(lobe.exponent * log_length);
-    bound.exponent = lobe.exponent;
-    bound.slice = slices + lobe.slice * (CAPS * ANGLES);
-    bound.cosine = lobe.cosine;
-    return bound;
-}
 
 typedef struct {
     float3 kd;
@@ -43,13 +28,71 @@ typedef struct {
     bound_lobe_t lobes[MAX_LOBES > 0 ? MAX_LOBES : 1];
 } brdf_t;
 
-/* The lobes' part of the BRDF times cosine for one light, from the lobes' integrals. */
-inline float3 sum_of_lobes(const brdf_t *brdf, const float *integrals)
+/* rho max(cx vx lx + cy vy ly + cz vz lz, 0)^n in the tangent frame (x, y, normal n) is a lobe around w = c v of the
+   amplitude rho |w|^n (30). |w|^2 = 1 - sum of (1 - c^2) v^2 without the rounding of a length, which a large n would
+   magnify; the host has scaled c so that its largest component is 1. */
+inline bound_lobes_t bind_lobes(const __local table_t *lobes, pi number, pf3 view, pf3 n, pf3 x)
 {
-    float3 sum = 0.0f;
-    for (int l = 0; l < brdf->n_lobes; l++)
-        sum += brdf->lobes[l].colour * integrals[l];
-    return sum;
+    const int kind = kind_of(number);
+    const pf3 c = look_up3(lobes, LOBE_C, number, kind), deficit = look_up3(lobes, LOBE_DEFICIT, number, kind);
+    const pf vz = dots(view, n);
+#if ANISOTROPIC
+    const pf3 y = crosses(n, x);
+    const pf vx = dots(view, x), vy = dots(view, y);
+    const pf3 w = plus(plus(scaled(n, c.z * vz), c.y * vy, y), c.x * vx, x);
+    const pf lost = deficit.x * vx * vx + deficit.y * vy * vy + deficit.z * vz * vz;
+#else
+    const pf3 across = plus(view, -vz, n);
+    const pf3 w = plus(scaled(n, c.z * vz), c.x, across);
+    const pf lost = deficit.x * dots(across, across) + deficit.z * vz * vz;
+#endif
+    bound_lobes_t bound;
+    bound.axis = choose(scaled(w, rsqrt(fmax(dots(w, w), 1e-37f))), n, lost >= 1.0f);
+    bound.colour = look_up3(lobes, LOBE_RHO, number, kind);
+    bound.exponent = look_up(lobes, LOBE_EXPONENT, number, kind);
+    bound.slice = AS_PI(look_up(lobes, LOBE_SLICE, number, kind));
+    bound.cosine = AS_PI(look_up(lobes, LOBE_COSINE, number, kind));
+    if (point_bits(lost > 0.0f))
+        bound.colour = scaled(bound.colour, exp_points(0.5f * bound.exponent * log_points(clamp(lost, 0.0f, 1.0f))));
+    return bound;
+}
+
+/* BRDFs of points with the given numbers of materials. */
+inline brdfs_t bind_brdfs(const __local table_t *materials, const __local table_t *lobes, pi material, pf3 view, pf3 n, pf3 x)
+{
+    const int kind = kind_of(material);
+    brdfs_t brdfs;
+    brdfs.kd = look_up3(materials, MATERIAL_KD, material, kind);
+    brdfs.n_lobes = 0;
+#if MAX_LOBES > 0
+    const pi has = AS_PI(look_up(materials, MATERIAL_N_LOBES, material, kind));
+    const pi first = AS_PI(look_up(materials, MATERIAL_FIRST_LOBE, material, kind));
+    const pi step = AS_PI(look_up(materials, MATERIAL_LOBE_STEP, material, kind));
+    for (pi left = has; point_bits(left > 0); left -= 1) {
+        const pi missing = left <= 0;
+        const int k = brdfs.n_lobes++;
+        bound_lobes_t *lobe = &brdfs.lobes[k];
+        *lobe = bind_lobes(lobes, select(first + k * step, (pi)(0), missing), view, n, x);
+        lobe->colour = choose(lobe->colour, vectors(0.0f, 0.0f, 0.0f), missing);
+    }
+#endif
+    return brdfs;
+}
+
+/* That of point l; the lobe's colours say which lobes it lacks. */
+inline brdf_t brdf_lane(const brdfs_t *brdfs, int l)
+{
+    brdf_t brdf;
+    brdf.kd = vector_lane(&brdfs->kd, l);
+    brdf.n_lobes = brdfs->n_lobes;
+    for (int k = 0; k < brdfs->n_lobes; k++) {
+        const bound_lobes_t *lobe = &brdfs->lobes[k];
+        brdf.lobes[k].axis = vector_lane(&lobe->axis, l);
+        brdf.lobes[k].colour = vector_lane(&lobe->colour, l);
+        brdf.lobes[k].exponent = LANE(lobe->exponent, l);
+        brdf.lobes[k].cosine = INT_LANE(lobe->cosine, l);
+    }
+    return brdf;
 }
 
 inline float largest(float3 colour)

@@ -2,11 +2,12 @@
    table, reflectance and light first (Sec. 5.4). Twin: coslobe.render.paper. */
 
 /* What the light and one part of the reflectance give together: the lobe scale max(axis.l, 0)^exponent, with the cosine
-   to the normal or without; its integral, what shadow leaves take from it, and the colour by which both count. */
+   to the normal or without; its integral, what shadow leaves take from it, and the largest component (`size`) of the
+   colour by which both count. Part 0 is the diffuse one, lobes follow. */
 typedef struct {
-    float3 axis, colour;
-    float exponent, scale, whole, taken;
-    int cosine, sharp;
+    float3 axis;
+    float exponent, scale, whole, taken, size;
+    int number, cosine, sharp;
 } term_t;
 
 /* Integral of a lobe of scale 1, with the cosine to n: int (p.v)^e (n.v) = 2 pi / (e + 2) (n.p). */
@@ -27,7 +28,7 @@ inline void diffuse_term(term_t *term, const cap_t *cap, float e, float3 n)
 
 /* The product of the light's lobe, of exponent e, with one of the reflectance. The light's amplitude is such that their
    exact integral is `whole`; where the horizon `cut`s the light, that is with the cosine to the lobe's own axis. */
-inline void lobe_term(term_t *term, const tables_t *tables, const cap_t *cap, float e, const bound_lobe_t *lobe, float3 n,
+inline void lobe_term(term_t *term, const __local tables_t *tables, const cap_t *cap, float e, const bound_lobe_t *lobe, float3 n,
                       float whole, int cut)
 {
     const float3 a = cap->a, gap = lobe->axis - a;
@@ -49,46 +50,42 @@ inline void lobe_term(term_t *term, const tables_t *tables, const cap_t *cap, fl
     term->whole = term->scale * lobe_moment(term->axis, term->exponent, n, term->cosine);
 }
 
-/* The products of the light with the diffuse term and with the lobes of the reflectance. Those whose integral, for unit
-   radiance, is below the threshold are dropped with all that follows from them. The first is the diffuse one where the
-   irradiance is asked for. Without `shadow` only the integrals matter. Returns how many are left.
+/* The products of the light with the diffuse term and with the lobes of the reflectance, from their integrals over the
+   light: `wholes`, the diffuse one first. Those whose integral, for unit radiance, is below the threshold are dropped with
+   all that follows from them; the diffuse one stays where the irradiance is asked for. Returns how many are left.
 
    A lobe sharper than the light's stays as it is: the light is an image in it, with an edge that no lobe has, and soft
    lobes of leaves cannot tell on which side of a shadow's edge it falls. Its shadow is that of the mask's cells. */
-inline int light_terms(term_t *terms, const brdf_t *brdf, const cap_t *cap, const tables_t *tables, float3 n, int cut,
-                       int shadow, float threshold)
+inline int light_terms(term_t *terms, const float *wholes, const brdf_t *brdf, const cap_t *cap, const __local tables_t *tables,
+                       float3 n, int cut, float threshold)
 {
     float amplitude;
     const float e = cap_lobe(tables->caps, cap->depth, &amplitude);
     int kept = 0;
     for (int l = -1; l < brdf->n_lobes; l++) {
         term_t *term = &terms[kept];
+        term->number = 1 + l;
         term->taken = 0.0f;
         term->sharp = 0;
-        term->colour = l < 0 ? brdf->kd : brdf->lobes[l].colour;
-        const float size = largest(term->colour);
+        term->whole = wholes[1 + l];
+        term->size = largest(l < 0 ? brdf->kd : brdf->lobes[l].colour);
+        if (!(IRRADIANCE && l < 0)
+            && (term->size <= 0.0f || (threshold > 0.0f && term->size * term->whole < threshold)))
+            continue;
+        kept++;
         if (l < 0) {
             diffuse_term(term, cap, e, n);
+            continue;
+        }
+        const bound_lobe_t *lobe = &brdf->lobes[l];
+        if (UNIT_LIGHTS || lobe->exponent <= e) {
+            lobe_term(term, tables, cap, e, lobe, n, term->whole, cut);
         } else {
-            const bound_lobe_t *lobe = &brdf->lobes[l];
-            term->whole = UNIT_LIGHTS ? 0.0f : lobe_over_cap(lobe->slice, lobe->exponent, lobe->axis,
-                                                             cut ? lobe->axis : n, cap->a, cap->sine, cap->depth,
-                                                             lobe->cosine);
-            if (!UNIT_LIGHTS && lobe->exponent > e) {
-                term->sharp = 1;
-                term->axis = lobe->axis;
-                term->exponent = lobe->exponent;
-                term->cosine = lobe->cosine;
-            } else if (UNIT_LIGHTS || (shadow && size * term->whole >= threshold)) {
-                lobe_term(term, tables, cap, e, lobe, n, term->whole, cut);
-            }
+            term->sharp = 1;
+            term->axis = lobe->axis;
+            term->exponent = lobe->exponent;
+            term->cosine = lobe->cosine;
         }
-        int useful = size > 0.0f && (threshold <= 0.0f || size * term->whole >= threshold);
-        if (IRRADIANCE && l < 0) {
-            term->colour *= (float)useful;
-            useful = 1;
-        }
-        kept += useful;
     }
     return kept;
 }
@@ -100,7 +97,7 @@ typedef struct {
 
 /* The leaves at 2^depth to a side over a light with tan alpha_cap = h, cap through the corners of the one at the centre;
    the weight is linear between samples of sin^2 alpha_cap. */
-inline level_t leaf_level(const tables_t *tables, const cap_t *cap, float h, int rows, int depth)
+inline level_t leaf_level(const __local tables_t *tables, const cap_t *cap, float h, int rows, int depth)
 {
     const float corner2 = 2.0f * h * h / (rows * rows), length = sqrt(1.0f + corner2);
     const float position = cap->sine * cap->sine * WEIGHT_STEPS;
@@ -141,7 +138,7 @@ inline float taken(const pair_t *pair, float3 axis, int cosine, float3 n, rf x, 
 
 /* Takes the leaves of a tree from all terms; returns how many products that needed. A leaf whose product cannot reach
    the threshold is not worth a product: closed form. */
-inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_t *cap, const tables_t *tables, float h,
+inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_t *cap, const __local tables_t *tables, float h,
                         float3 n, float3 t, float3 u, float threshold)
 {
     const float3 nl = (float3)(dot(n, t), dot(n, u), dot(n, cap->a));
@@ -163,7 +160,7 @@ inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_
             const float3 axis = terms[k].axis;
             axes[k] = (float3)(dot(axis, t), dot(axis, u), dot(axis, cap->a));
             const float most = terms[k].scale * level.weight * (2.0f * M_PI_F) / (terms[k].exponent + level.exponent + 1.0f);
-            near[k] = largest(terms[k].colour) * most < threshold;
+            near[k] = terms[k].size * most < threshold;
             pairs[k].e1 = terms[k].exponent;
             pairs[k].e2 = level.exponent;
             if (!near[k]) {
@@ -202,7 +199,7 @@ inline void take_cells(term_t *terms, int n_terms, const ru *mask, __constant ui
     const float3 nl = (float3)(dot(n, t), dot(n, u), dot(n, cap->a));
     for (int k = 0; k < n_terms; k++) {
         const term_t *term = &terms[k];
-        if (!term->sharp || largest(term->colour) * term->whole <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
+        if (!term->sharp || term->size * term->whole <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
             continue;
         const float3 axis = (float3)(dot(term->axis, t), dot(term->axis, u), dot(term->axis, cap->a));
         const float3 cells = glossy_cells(lit, disk, h, nl, axis, term->exponent, term->cosine);
@@ -211,18 +208,20 @@ inline void take_cells(term_t *terms, int n_terms, const ru *mask, __constant ui
     }
 }
 
-/* BRDF times cosine over the part of the light's cone that the point sees; *irradiance is the diffuse integral. */
-inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap, const blockers_t *blockers,
-                        int light, const tables_t *tables, __constant uint *disk, float threshold, stats_t *count,
-                        float *irradiance)
+/* Of the terms of points that see all of a light: the diffuse one, negative where the light is below the horizon. */
+inline pf whole_diffuse(const caps_t *caps, pf over_shading)
+{
+    return M_PI_F * caps->sine * caps->sine * over_shading;
+}
+
+/* Turns `integrals` of BRDF times cosine over all of the light's cap, the diffuse one first and then those of the lobes,
+   into those over the part that the point sees. Returns LIT, PARTIAL or DARK. */
+inline int shadow(float *integrals, const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap,
+                  const __local blockers_t *blockers, int light, const __local tables_t *tables, __constant uint *disk, float threshold,
+                  work_t *work)
 {
     const float3 n = receiver->shading, g = receiver->geometric;
     const float over_geometric = dot(g, cap->a), over_shading = dot(n, cap->a);
-    *irradiance = 0.0f;
-    if (over_geometric <= -cap->sine || over_shading <= -cap->sine) {
-        count->below++;
-        return 0.0f;
-    }
     const float h = cap->sine / cap->cosine;
     float3 t, u;
     ru mask[NR];
@@ -236,28 +235,22 @@ inline float3 reflected(const receiver_t *receiver, const brdf_t *brdf, const ca
         splat_horizon(mask, h, (float3)(dot(n, t), dot(n, u), over_shading));
         framed = 1;
     }
-    const int state = visibility(blockers, receiver, cap, light, &t, &u, framed, mask, &count->splats);
+    const int state = visibility(blockers, receiver, cap, light, &t, &u, framed, mask, &work->splats);
     uint tree[TREE_ROWS];
     const int leaves = state == PARTIAL ? shadow_leaves(mask, disk, tree) : state == DARK;
-    count->leaves += leaves;
-    if (state == DARK || (leaves > 0 && tree[TREE_ROWS - 1])) {
-        count->dark++;
-        return 0.0f;
-    }
-    *(leaves ? &count->partial : &count->lit) += 1;
+    work->leaves += leaves;
+    if (state == DARK || (leaves > 0 && tree[TREE_ROWS - 1]))
+        return DARK;
+    if (leaves == 0 && !cut && !UNIT_LIGHTS)
+        return LIT;
 
     term_t terms[1 + MAX_LOBES];
-    const int n_terms = light_terms(terms, brdf, cap, tables, n, cut, leaves > 0 || cut, threshold);
-    count->products += 1 + brdf->n_lobes;
+    const int n_terms = light_terms(terms, integrals, brdf, cap, tables, n, cut, threshold);
     if (leaves)
-        count->products += take_leaves(terms, n_terms, tree, cap, tables, h, n, t, u, threshold);
+        work->products += take_leaves(terms, n_terms, tree, cap, tables, h, n, t, u, threshold);
     if (leaves || cut)
         take_cells(terms, n_terms, mask, disk, cap, h, n, t, u, cut);
-    float3 sum = 0.0f;
     for (int k = 0; k < n_terms; k++)
-        sum += terms[k].colour * fmax(terms[k].whole - terms[k].taken, 0.0f);
-#if IRRADIANCE
-    *irradiance = fmax(terms[0].whole - terms[0].taken, 0.0f);
-#endif
-    return sum;
+        integrals[terms[k].number] = fmax(terms[k].whole - terms[k].taken, 0.0f);
+    return leaves ? PARTIAL : LIT;
 }

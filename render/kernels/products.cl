@@ -29,16 +29,6 @@ inline void find_samples(pair_t *pair, __global const float *table)
     }
 }
 
-/* acos(1 - q) for q in [0, 2]; Abramowitz and Stegun 4.4.46. */
-inline rf angle_rows(rf q)
-{
-    const rf c = fabs(1.0f - q);
-    const rf p = 1.5707963050f + c * (-0.2145988016f + c * (0.0889789874f + c * (-0.0501743046f
-               + c * (0.0308918810f + c * (-0.0170881256f + c * (0.0066700901f - c * 0.0012624911f))))));
-    const rf acute = sqrt(fmin(q, 2.0f - q)) * p;
-    return select(acute, M_PI_F - acute, q > 1.0f);
-}
-
 /* Tangents of the angles from both axes to the peak, over the sine of the angle between the axes, whose cosine is c. */
 inline void peak_rows(float e1, float e2, rf c, rf s2, rf *t, rf *u)
 {

@@ -7,6 +7,8 @@
 typedef CAT(float, VW) vf;
 typedef CAT(int, VW) vi;
 #define VF_LOAD(p) CAT(vload, VW)(0, p)
+#define VI_LOAD(p) CAT(vload, VW)(0, p)
+#define AS_VI CAT(as_int, VW)
 #define VI_STORE(v, p) CAT(vstore, VW)(v, 0, p)
 #define VF_STORE(v, p) CAT(vstore, VW)(v, 0, p)
 
@@ -25,6 +27,12 @@ inline uint lane_bits(vi chosen)
 #endif
     const int2 b2 = b4.lo | b4.hi;
     return (uint)(b2.x | b2.y);
+}
+
+/* Is the comparison's result true in some lane? */
+inline int some(vi chosen)
+{
+    return lane_bits(chosen) != 0;
 }
 
 /* Number of the lowest set bit. */

@@ -3,7 +3,7 @@
 /* Integral over the directions of a wide light, or of the light that the point is inside of: directions in an equal-area
    map of the cap (inside: of the hemisphere) for the diffuse term (`lobe` 0), and such as the lobe itself distributes
    them, since a sharp one would fall between the former; each tested against every blocker. */
-inline float wide_sum(const blockers_t *blockers, const receiver_t *receiver, const cap_t *cap, int light, int inside,
+inline float wide_sum(const __local blockers_t *blockers, const receiver_t *receiver, const cap_t *cap, int light, int inside,
                       const bound_lobe_t *lobe)
 {
     float sum = 0.0f;
@@ -28,7 +28,7 @@ inline float wide_sum(const blockers_t *blockers, const receiver_t *receiver, co
 
 /* BRDF times cosine over a wide light. */
 inline float3 reflected_wide(const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap,
-                             const blockers_t *blockers, int light, int inside, float *irradiance)
+                             const __local blockers_t *blockers, int light, int inside, float *irradiance)
 {
     *irradiance = wide_sum(blockers, receiver, cap, light, inside, 0);
     float3 sum = brdf->kd * *irradiance;
@@ -39,7 +39,7 @@ inline float3 reflected_wide(const receiver_t *receiver, const brdf_t *brdf, con
 
 /* BRDF times cosine over the squared distance of a point light: one direction, seen or not. */
 inline float3 reflected_point(const receiver_t *receiver, const brdf_t *brdf, const cap_t *cap,
-                              const blockers_t *blockers, int light, float *irradiance)
+                              const __local blockers_t *blockers, int light, float *irradiance)
 {
     const float3 l = cap->a;
     const float cosine = dot(receiver->shading, l);

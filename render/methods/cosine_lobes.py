@@ -23,13 +23,15 @@ from coslobe.tables import lobe_cap, store, weights
 from coslobe.tables.quadtree import disk
 
 # The program, in order of dependence; the estimator's units go before the last.
-UNITS = ("vector.cl", "lobe.cl", "mask.cl", "leaves.cl", "blockers.cl", "materials.cl", "wide.cl")
+UNITS = (
+    *("vector.cl", "points.cl", "elementary.cl", "lobe.cl", "lobe_cap.cl", "mask.cl", "leaves.cl"),
+    *("blockers.cl", "lists.cl", "lights.cl", "materials.cl", "wide.cl"),
+)
 ESTIMATORS = {
     "accurate": ("cells.cl", "accurate.cl"),
     "paper": ("cells.cl", "tables.cl", "products.cl", "paper.cl"),
 }
 KERNEL = "shade.cl"
-WORK_GROUP = 64
 
 # Half-angles beyond 60 degrees do not fit a plane; they are sampled by an equal-area map instead.
 COS2_WIDE = 0.25
@@ -67,6 +69,7 @@ def kernel_defines(
     anisotropic: bool = False,
     irradiance: bool = False,
     leaves: bool = False,
+    work: bool = False,
     paper: Paper = Paper(),
 ) -> dict[str, int | float | str]:
     """Compile-time constants of one program variant."""
@@ -78,6 +81,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
+        "PW": vector_width,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -86,6 +90,7 @@ def kernel_defines(
         "ANISOTROPIC": int(anisotropic),
         "IRRADIANCE": int(irradiance),
         "LEAVES": int(leaves),
+        "WORK": int(work),
         "UNIT_LIGHTS": int(paper.light_lobes == "unit"),
         "L2_PRODUCTS": int(paper.products == "l2"),
         "CAPS": lobe_cap.CAPS,
@@ -134,6 +139,7 @@ class CosineLobes:
         packed = pack_materials(scene.materials, gbuffer)
         start = time.perf_counter()
         irradiance = "irradiance" in layers
+        work_asked = "mask_leaves" in layers or "products" in layers
         defines = kernel_defines(
             device.info.vector_width,
             scene.shading.mask,
@@ -141,6 +147,7 @@ class CosineLobes:
             anisotropic=gbuffer.tangent is not None,
             irradiance=irradiance,
             leaves="mask_leaves" in layers,
+            work=work_asked,
             paper=scene.shading.paper,
         )
         kernel = self._kernel(scene.shading.estimator, defines)
@@ -150,22 +157,27 @@ class CosineLobes:
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
-        radiance = device.allocate(n * 3 * 4)
-        arriving = device.allocate(n * 3 * 4 if irradiance else 16)
-        stats = device.allocate(n * layout.STATS.itemsize)
+        room = layout.padded(n)
+        n_groups = room // layout.WORK_GROUP
+        radiance = device.allocate(room * 3 * 4)
+        arriving = device.allocate(room * 3 * 4 if irradiance else 16)
+        work = device.allocate(room * 2 * 4 if work_asked else 16)
+        stats = device.allocate(n_groups * layout.STATS.itemsize)
         nothing = device.allocate(16)
         # The kernel object keeps references to buffers only while arguments are set, so they live here.
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            -(-n // WORK_GROUP) * WORK_GROUP,
-            WORK_GROUP,
+            room // device.info.vector_width,
+            layout.WORK_GROUP // device.info.vector_width,
             points,
             np.int32(n),
             nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),
             *(np.float32(v) for v in eye),
-            device.upload(packed.materials),
-            device.upload(packed.lobes),
+            device.upload(layout.table(packed.materials)),
+            np.int32(len(packed.materials)),
+            device.upload(layout.table(packed.lobes)),
+            np.int32(len(packed.lobes)),
             self._slice_buffer(packed.exponents),
             *self._paper_buffers(scene),
             device.upload(lights),
@@ -174,20 +186,24 @@ class CosineLobes:
             *spheres,
             np.int32(groups.n_groups),
             device.upload(disk_tree(2**scene.shading.mask.depth)),
+            device.local(2 * 4 * len(lights)),
             radiance,
             stats,
             arriving,
+            work,
         )
         result = device.download(radiance, (n, 3), np.float32)
-        counts = device.download(stats, (n,), layout.STATS)
-        found = {"products": counts["products"], "mask_leaves": counts["leaves"]}
+        counts = device.download(stats, (n_groups,), layout.STATS)
+        found = {}
+        if work_asked:
+            found["products"], found["mask_leaves"] = device.download(work, (n, 2), np.uint32).T
         if irradiance:
             found["irradiance"] = device.download(arriving, (n, 3), np.float32)
         return Shading(
             result,
             launch.seconds,
             build_seconds,
-            _summary(counts, len(lights), blockers),
+            _summary(counts, n, len(lights), blockers),
             {name: found[name] for name in layers},
         )
 
@@ -210,13 +226,12 @@ class CosineLobes:
             return self._points[2:]
         every = -(-len(gbuffer.position) // 4096)  # a few thousand of them tell as much
         origin = np.median(gbuffer.position[::every], axis=0)
-        packed = np.empty(len(gbuffer.position), layout.POINT)
-        packed["position"] = gbuffer.position - origin
-        packed["geometric"] = gbuffer.geometric_normal
-        packed["shading"] = gbuffer.shading_normal
-        packed["material"] = material
-        packed["object"] = gbuffer.object
-        packed["turn"] = turns(gbuffer.pixel, gbuffer.width)
+        index = np.minimum(np.arange(layout.padded(len(gbuffer.position))), len(gbuffer.position) - 1)
+        numbers = [(gbuffer.position - origin).T, gbuffer.geometric_normal.T, gbuffer.shading_normal.T]
+        packed = np.empty((len(layout.POINT_ROWS), len(index)), np.float32)
+        packed[:9] = np.concatenate(numbers)[:, index]
+        packed[9] = turns(gbuffer.pixel, gbuffer.width)[index]
+        packed[10:].view(np.int32)[:] = np.stack([material, gbuffer.object])[:, index]
         self._points = (gbuffer, material, self._device.upload(packed), origin)
         return self._points[2:]
 
@@ -276,10 +291,10 @@ def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:
     return packed
 
 
-def _summary(counts: NDArray, n_lights: int, blockers: Blockers) -> dict[str, Any]:
+def _summary(counts: NDArray, n: int, n_lights: int, blockers: Blockers) -> dict[str, Any]:
     """Shares of (point, light) pairs by what they needed, and the work per pair."""
-    pairs = len(counts) * n_lights
-    share = {name: float(counts[name].sum()) / pairs for name in ("lit", "partial", "dark", "below")}
+    pairs = n * n_lights
+    share = {name: float(counts[name].sum()) / pairs for name in counts.dtype.names or ()}
     return {
         "pairs": pairs,
         "fully_lit": share["lit"],
@@ -287,5 +302,9 @@ def _summary(counts: NDArray, n_lights: int, blockers: Blockers) -> dict[str, An
         "fully_dark": share["dark"],
         "below_horizon": share["below"],
         "spheres": len(blockers.radii),
-        "spheres_splatted_per_pair": float(counts["splats"].sum()) / pairs,
+        "spheres_tested_per_pair": share["listed"],
+        "spheres_culled_per_pair": len(blockers.radii) - share["listed"],
+        "spheres_splatted_per_pair": share["splats"],
+        "products_per_pair": share["products"],
+        "leaves_per_pair": share["leaves"],
     }

@@ -8,7 +8,8 @@ import pytest
 import trimesh
 
 from coslobe.core.files import sha256
-from coslobe.evaluate.direct import Estimate, direct_light
+from coslobe.evaluate.direct import direct_light
+from coslobe.evaluate.integration import Estimate
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres
 from coslobe.evaluate.sampling import strata
 from coslobe.render.gbuffer import GBuffer

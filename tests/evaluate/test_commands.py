@@ -22,6 +22,29 @@ def test_reference_prints_one_document(ball_scene, tmp_path):
     assert all(frame["spp"] == 4 and frame["seconds"] > 0 for frame in frames)
 
 
+def test_reference_samples_until_an_error_is_reached(ball_scene, tmp_path):
+    arguments = ("reference", ball_scene, "-o", tmp_path, "--frames", 0, "--error", 0.03, "--bounces", 2)
+    result = invoke(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    (frame,) = json.loads(result.stdout)["frames"]
+    assert 0 < frame["error"] <= 0.03
+    assert "standard error" in invoke(*arguments).stdout
+
+
+def test_reference_exports_for_mitsuba(ball_scene, tmp_path):
+    arguments = ("reference", ball_scene, "--export-mitsuba", tmp_path / "m", "--frames", "0:2")
+    result = invoke(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    files = json.loads(result.stdout)["files"]
+    assert files == [str(tmp_path / "m" / f"000{k}" / "scene.xml") for k in (0, 1)]
+    assert {path.name for path in (tmp_path / "m" / "0000").iterdir()} == {
+        "scene.xml",
+        "render.py",
+        "ball.ply",
+    }
+    assert "2 frames" in invoke(*arguments).stdout
+
+
 def test_reference_in_words(ball_scene, tmp_path):
     arguments = ("reference", ball_scene, "-o", tmp_path, "--frames", 0, "--spp", 4)
     assert "4 samples per pixel" in invoke(*arguments).stdout
@@ -58,6 +81,13 @@ def test_eval_prints_one_document(ball_scene, tmp_path, device):
     words = invoke(*arguments)
     assert "frame 1: error" in words.stdout
     assert str(tmp_path / "report.html") in words.stdout
+
+
+@pytest.mark.parametrize("wrong", [["--error", "0"], ["--bounces", "0"], ["--error", "much"]])
+def test_wrong_settings_of_a_reference(ball_scene, tmp_path, wrong):
+    result = invoke("reference", ball_scene, "-o", tmp_path, *wrong)
+    assert result.exit_code == 2
+    assert wrong[0] in result.stderr
 
 
 @pytest.mark.parametrize("command", ["reference", "eval"])

@@ -1,18 +1,34 @@
 """The same scene in Mitsuba 3: camera, units, BRDF normalisation, light."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import PIL.Image
 import pytest
+import trimesh
 
 from coslobe.core.errors import CoslobeError
-from coslobe.evaluate.crosscheck import image_shift, render_with_mitsuba, write_ply
-from coslobe.evaluate.direct import direct_light
+from coslobe.evaluate.crosscheck import (
+    acceptance,
+    estimate_with_mitsuba,
+    image_shift,
+    render_with_mitsuba,
+    write_ply,
+    z_scores,
+)
+from coslobe.evaluate.direct import direct_light, direct_sources
 from coslobe.evaluate.errors import compare
-from coslobe.evaluate.occlusion import mesh_occluders
+from coslobe.evaluate.integration import Estimate, integrate, uniform
+from coslobe.evaluate.mitsuba_export import export_frames
+from coslobe.evaluate.occlusion import mesh_occluders, sphere_occluders
+from coslobe.evaluate.paths import BouncedLight
 from coslobe.evaluate.sampling import strata
 from coslobe.render.assets import Assets
+from coslobe.render.camera import camera_rays
 from coslobe.render.gbuffer import trace_gbuffer
-from coslobe.render.scene import Scene
+from coslobe.render.scene import Scene, load_scene
 from coslobe.spheresets.mesh import load_mesh
 
 MATERIALS = {
@@ -112,6 +128,114 @@ def test_images_are_aligned_to_the_pixel():
     assert abs(errors.bias) < 0.003
     for flipped in (ours[::-1], ours[:, ::-1]):
         assert compare(flipped, theirs, np.zeros_like(theirs)).relative_rmse > 0.2
+
+
+def same_rays(frame: Scene, assets: Assets, samples: int, *, bounces=1, occluders="mesh") -> Estimate:
+    """Our estimate for every camera ray, in the order of the rays; one sample per pixel."""
+    gbuffer = trace_gbuffer(frame, assets)
+    blockers = {"mesh": mesh_occluders, "spheres": sphere_occluders}[occluders](frame, assets)
+    sources = [*direct_sources(frame, gbuffer, blockers)]
+    if bounces > 1:
+        sources.append(BouncedLight(frame, assets, gbuffer, blockers, bounces))
+    choice = uniform(strata(samples), len(sources), len(gbuffer.position))
+    found, _ = integrate(sources, gbuffer.material, choice, (0,), "test")
+    order = camera_rays(frame).pixel
+    image = np.zeros((2, len(order), 3))
+    image[:, gbuffer.pixel] = found.radiance, found.variance
+    return Estimate(*image[:, order])
+
+
+BUNNY = {
+    "mesh": "sample:bunny",
+    "material": "m",
+    "transform": {"rotate_y": 30, "rotate_z": 4, "scale": 1.1, "translate": [0, 0.1, 0]},
+}
+
+
+@pytest.mark.parametrize(
+    ("material", "bounces", "samples"),
+    [("lambert", 1, 128), ("phong", 1, 96), ("phong_1975", 1, 96), ("lafortune", 1, 64), ("lambert", 3, 192)],
+)
+def test_every_pixel_is_that_of_mitsuba(material, bounces, samples):
+    """Meshes and a plane, by z-tests along the same rays; what differs in truth is one pixel at most.
+
+    That is a pixel of an edge that single precision puts on the other side.
+    """
+    pytest.importorskip("mitsuba", reason="mitsuba is not installed")
+    frame = scene(material, 20, 15, 1, {"ground": GROUND, "bunny": BUNNY})
+    assets = Assets(None)
+    ours = same_rays(frame, assets, 256, bounces=bounces)
+    theirs = estimate_with_mitsuba(frame, assets, samples, bounces=bounces)
+    assert acceptance(z_scores(ours, theirs)) >= 0.995
+    # and the test has teeth: a light that is brighter by 5 %, or points in another order, are noticed
+    brighter = Estimate(1.05 * ours.radiance, ours.variance)
+    right, wrong = (np.clip(z_scores(found, theirs), -5, 5) for found in (ours, brighter))
+    assert np.mean(wrong**2) > 1.3 * np.mean(right**2)
+    mirrored = Estimate(ours.radiance[::-1], ours.variance[::-1])
+    assert acceptance(z_scores(mirrored, theirs)) < 0.9
+
+
+def test_every_pixel_of_a_textured_box_is_that_of_mitsuba(tmp_path):
+    """Scaled textures of colours and numbers, on a plane and beside a mesh with flat normals."""
+    pytest.importorskip("mitsuba", reason="mitsuba is not installed")
+    texels = np.random.default_rng(0).integers(0, 256, (8, 12, 3), dtype=np.uint8)
+    PIL.Image.fromarray(texels).save(tmp_path / "texels.png")
+    trimesh.creation.box((0.6, 0.5, 0.4)).export(tmp_path / "box.ply")
+    texture = {"texture": str(tmp_path / "texels.png")}
+    lobe = {"rho": {**texture, "scale": 0.9}, "c": [-1, -1, 0.9]}
+    lobe["exponent"] = {**texture, "scale": 30, "offset": 3}
+    lafortune = {"kd": {**texture, "scale": 0.5, "offset": 0.1}, "lobes": [lobe]}
+    ground = {"plane": {"size": 6.0}, "material": "m"}
+    box = {"mesh": str(tmp_path / "box.ply"), "material": "n", "normals": "flat"}
+    box["transform"] = {"rotate_y": 30, "rotate_z": 4, "translate": [0, 0.6, 0]}
+    materials = {"m": {"lafortune": lafortune}, "n": MATERIALS["phong"]}
+    frame = scene("", 20, 15, 1, {"ground": ground, "box": box}, materials=materials)
+    assets = Assets(None)
+    theirs = estimate_with_mitsuba(frame, assets, 96)
+    assert acceptance(z_scores(same_rays(frame, assets, 256), theirs)) >= 0.995
+
+
+def test_every_pixel_under_analytic_spheres_is_that_of_mitsuba(ball_scene):
+    """From under two balls only the ground is seen: meshes are not, and spheres do the shading."""
+    pytest.importorskip("mitsuba", reason="mitsuba is not installed")
+    pair = ["objects.ball.mesh=pair.ply", "objects.ball.spheres.file=pair.spheres.json"]
+    camera = ["camera.look_at.origin=[0.02, 0.03, 0.0]", "camera.look_at.target=[0, 0, 0]", "camera.fov=170"]
+    size = [
+        "image.width=24",
+        "image.height=24",
+        "objects.ball.transform.translate=[0, 0.5, 0]",
+        "animation=[]",
+    ]
+    frame = load_scene(ball_scene, [*pair, *camera, *size]).at(0)
+    assets = Assets(None)
+    theirs = estimate_with_mitsuba(frame, assets, 256, occluders="spheres")
+    ours = same_rays(frame, assets, 256, occluders="spheres")
+    assert np.mean(ours.variance.sum(axis=1) > 0) > 0.1  # penumbra
+    assert acceptance(z_scores(ours, theirs)) >= 0.995
+    lit = same_rays(frame.model_copy(update={"objects": {"ground": frame.objects["ground"]}}), assets, 256)
+    assert acceptance(z_scores(lit, theirs)) < 0.9
+
+
+def test_exported_scenes_render_on_their_own(ball_scene, tmp_path):
+    """Without coslobe, from another folder; the picture is that of the dictionary."""
+    mitsuba = pytest.importorskip("mitsuba", reason="mitsuba is not installed")
+    scene_file = load_scene(ball_scene, ["camera.fov=41"])
+    assets = Assets(None)
+    (path,) = export_frames(scene_file, tmp_path / "mitsuba", frames=[1], assets=assets, samples=16)
+    assert path == tmp_path / "mitsuba" / "0001" / "scene.xml"
+    script = path.parent / "render.py"
+    assert "coslobe." not in script.read_text()
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-I", str(script)], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert (path.parent / "scene.png").is_file()
+    picture = np.array(mitsuba.Bitmap(str(path.parent / "scene.exr")), np.float64)[..., :3]
+    ours = render_with_mitsuba(scene_file.at(1), assets, 64)
+    assert picture.mean() == pytest.approx(ours.mean(), rel=0.02)
+    errors = compare(picture.reshape(-1, 3), ours.reshape(-1, 3), np.zeros((ours[..., 0].size, 3)))
+    assert errors.relative_rmse < 0.3  # noise of 16 samples
 
 
 def test_a_shift_is_found_to_a_fraction_of_a_pixel():

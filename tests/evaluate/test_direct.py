@@ -198,7 +198,7 @@ def test_stratification_pays(bench):
 def test_the_result_does_not_depend_on_threads(bench, monkeypatch):
     gbuffer, light = bench.points(3000), bench.light((1, 2, 0), 0.8)
     first = bench.estimate(gbuffer, light)
-    monkeypatch.setattr("coslobe.evaluate.direct.cpu_count", lambda: 1)
+    monkeypatch.setattr("coslobe.evaluate.integration.cpu_count", lambda: 1)
     second = bench.estimate(gbuffer, light)
     np.testing.assert_array_equal(first.radiance, second.radiance)
     np.testing.assert_array_equal(first.variance, second.variance)

@@ -1,9 +1,12 @@
 """Reference images of whole scenes: meshes against spheres, files, resuming."""
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
 from coslobe.core.errors import InvalidInput
+from coslobe.core.progress import Progress
 from coslobe.evaluate.errors import compare
 from coslobe.evaluate.reference import read_reference, render_references
 from coslobe.render.assets import Assets
@@ -11,7 +14,7 @@ from coslobe.render.images import read_exr, write_exr
 from coslobe.render.scene import load_scene
 
 
-def make(scene, folder, *, occluders="mesh", samples=64, frames=(0,), overrides=()):
+def make(scene, folder, *, occluders="mesh", samples=64, frames=(0,), overrides=(), **more):
     return render_references(
         load_scene(scene, overrides),
         folder,
@@ -19,6 +22,7 @@ def make(scene, folder, *, occluders="mesh", samples=64, frames=(0,), overrides=
         occluders=occluders,
         samples=samples,
         assets=Assets(None),
+        **more,
     )
 
 
@@ -109,12 +113,87 @@ def test_resuming_keeps_files_and_gives_the_same_bytes(ball_scene, tmp_path, occ
         (["camera.fov=41"], {}),
         ([], {"samples": 32}),
         ([], {"occluders": "spheres"}),
+        ([], {"bounces": 2}),
+        ([], {"error": 0.1}),
     ],
 )
 def test_changed_settings_are_noticed(ball_scene, tmp_path, changed, settings):
     make(ball_scene, tmp_path, samples=16)
     (record,) = make(ball_scene, tmp_path, overrides=changed, **{"samples": 16, **settings})
     assert not record["resumed"]
+
+
+class Interrupts(Progress):
+    """Somebody who stops the work after some blocks, and hears what was reported."""
+
+    def __init__(self, after: int) -> None:
+        self.after = after
+        self.reports: list[float] = []
+
+    @contextmanager
+    def task(self, name, total):
+        def advance(amount=1.0, note=""):
+            reports.append(amount)
+            if len(reports) > self.after:
+                raise KeyboardInterrupt
+
+        reports = self.reports
+        yield advance
+
+
+@pytest.mark.parametrize("settings", [{"error": 0.02}, {"bounces": 2}])
+def test_an_interrupted_frame_goes_on_where_it_was(ball_scene, tmp_path, monkeypatch, settings):
+    monkeypatch.setattr("coslobe.evaluate.checkpoint.INTERVAL", 0.0)  # after every block
+    whole = make(ball_scene, tmp_path / "whole", **settings)[0]["file"].read_bytes()
+    folder = tmp_path / "parts"
+    with pytest.raises(KeyboardInterrupt):
+        make(ball_scene, folder, progress=Interrupts(after=4), **settings)
+    (partial,) = folder.glob("*.partial.npz")
+    assert not (folder / "reference.0000.exr").exists()
+    going_on = Interrupts(after=10**9)
+    (record,) = make(ball_scene, folder, progress=going_on, **settings)
+    assert going_on.reports[0] > 0  # what was done before
+    assert record["file"].read_bytes() == whole
+    assert not partial.exists()
+
+
+def test_what_is_left_of_other_settings_or_broken_is_not_used(ball_scene, tmp_path, monkeypatch):
+    monkeypatch.setattr("coslobe.evaluate.checkpoint.INTERVAL", 0.0)
+    whole = make(ball_scene, tmp_path / "whole", samples=16)[0]["file"].read_bytes()
+    for leave in ("other", "broken"):
+        folder = tmp_path / leave
+        with pytest.raises(KeyboardInterrupt):
+            make(ball_scene, folder, samples=32, progress=Interrupts(after=3))
+        (partial,) = folder.glob("*.partial.npz")
+        if leave == "broken":
+            partial.write_bytes(partial.read_bytes()[:100])
+        (record,) = make(ball_scene, folder, samples=16)
+        assert record["file"].read_bytes() == whole
+        assert not partial.exists()
+
+
+def test_the_error_asked_for_is_that_of_the_file(ball_scene, tmp_path):
+    (record,) = make(ball_scene, tmp_path, samples=1 << 16, error=0.005)
+    reference = read_reference(record["file"])
+    assert 0.001 < reference.error <= 0.005
+    assert record["error"] == reference.error
+    assert record["spp"] == pytest.approx(reference.samples[reference.hit].mean(), abs=0.06)
+    assert len(np.unique(reference.samples[reference.hit])) > 3
+    same = read_reference(make(ball_scene, tmp_path / "same", samples=1024)[0]["file"])
+    errors = compare(reference.radiance[same.hit], same.radiance[same.hit], same.variance[same.hit])
+    expected = np.hypot(reference.error, same.error)
+    assert errors.relative_rmse == pytest.approx(expected, rel=0.3)  # heavy tails of the highlight
+
+
+def test_bounces_only_add_light(ball_scene, tmp_path):
+    once, twice, thrice = (
+        read_reference(make(ball_scene, tmp_path / str(n), bounces=n)[0]["file"]) for n in (1, 2, 3)
+    )
+    means = [part.radiance[part.hit].mean() for part in (once, twice, thrice)]
+    assert means[0] * 1.005 < means[1] < means[2] < means[0] * 1.2
+    # The same random directions for direct light: what is added is nowhere less than nothing.
+    assert np.all(twice.radiance >= once.radiance)
+    assert np.all(twice.variance >= once.variance)
 
 
 def test_how_coslobe_shades_does_not_change_the_truth(ball_scene, tmp_path):

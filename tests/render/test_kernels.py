@@ -70,7 +70,8 @@ __kernel void own_radius_many(__global const float *radius, __global const float
 __kernel void lambert_many(__global const float *cosine, __global const float *q, __global float *out)
 {
     const int i = get_global_id(0);
-    out[i] = lambert_sphere(cosine[i], q[i]);
+    pf both = lambert_sphere((pf)(cosine[i]), (pf)(q[i]));
+    out[i] = LANE(both, PW - 1);
 }
 __kernel void frame_many(__global const float *axis, __global const float *turn, __global float *out)
 {
@@ -86,8 +87,9 @@ __kernel void lobe_cap_many(__global const float4 *slices, __global const float 
     const int i = get_global_id(0);
     __global const float *p = arguments + 11 * i;
     const float depth = 2.0f * sin(0.5f * p[10]) * sin(0.5f * p[10]);
-    out[i] = lobe_over_cap(slices + (int)p[0] * (CAPS * ANGLES), p[1], (float3)(p[2], p[3], 0.0f),
-                           (float3)(p[4], p[5], p[6]), (float3)(p[7], p[8], p[9]), sin(p[10]), depth, 1);
+    const pf3 r = {p[2], p[3], 0.0f}, n = {p[4], p[5], p[6]}, a = {p[7], p[8], p[9]};
+    pf all = lobe_over_cap(slices, (pi)((int)p[0]), (pf)(p[1]), r, n, a, (pf)(sin(p[10])), (pf)(depth), (pi)(1));
+    out[i] = LANE(all, PW - 1);
 }
 """
 

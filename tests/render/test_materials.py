@@ -9,7 +9,7 @@ from coslobe.core.errors import InvalidInput
 from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres
 from coslobe.evaluate.sampling import strata
-from coslobe.render import materials
+from coslobe.render import layout, materials
 from coslobe.render.assets import Blockers
 from coslobe.render.brdf_fits import read_fit
 from coslobe.render.fields import ColourTexture, Source
@@ -177,14 +177,21 @@ def test_narrow_lobes_mirror_the_edges_of_shadows(method, exponent):
 
 
 WRAPPER = """
-__kernel void bind_many(__global const lobe_t *lobes, __global const float *frames, __global float *out)
+__kernel void bind_many(__global const float *lobes, const int n_lobes, __global const float *frames,
+                        __global float *out)
 {
+    __local table_t table;
+    table.rows = lobes;
+    table.count = n_lobes;
     const int i = get_global_id(0);
     __global const float *p = frames + 9 * i;
-    const bound_lobe_t bound = bind_lobe(lobes[i], 0, (float3)(p[0], p[1], p[2]), (float3)(p[3], p[4], p[5]),
-                                         (float3)(p[6], p[7], p[8]));
-    vstore3(bound.axis, 2 * i, out);
-    vstore3(bound.colour, 2 * i + 1, out);
+    /* The last point of the vector has lobe i; the others have the same, its neighbours, or scattered ones. */
+    const pi apart = point_numbers() - (PW - 1);
+    const pi number = i % 3 == 0 || i < PW ? (pi)(i) : i % 3 == 1 ? i + apart : i + apart % 2;
+    const pf3 v = {p[0], p[1], p[2]}, n = {p[3], p[4], p[5]}, x = {p[6], p[7], p[8]};
+    const bound_lobes_t bound = bind_lobes(&table, number, v, n, x);
+    vstore3(vector_lane(&bound.axis, PW - 1), 2 * i, out);
+    vstore3(vector_lane(&bound.colour, PW - 1), 2 * i + 1, out);
 }
 """
 
@@ -210,7 +217,8 @@ def test_binding_a_lobe_to_a_view(device, anisotropic):
     defines = kernel_defines(device.info.vector_width, Mask(), 1, anisotropic=anisotropic)
     program = device.build([*kernel_units("accurate"), ("wrapper", WRAPPER)], defines)
     out = device.allocate(n * 6 * 4)
-    device.launch(program.bind_many, n, None, device.upload(entries), device.upload(frames), out)
+    table, inputs = device.upload(layout.table(entries)), device.upload(frames)
+    device.launch(program.bind_many, n, None, table, np.int32(n), inputs, out)
     found = device.download(out, (n, 2, 3), np.float32)
     for entry, frame, (axis, colour) in zip(entries, frames.astype(float), found, strict=True):
         v, m, x = (unit(part)[None] for part in np.split(frame, 3))

@@ -116,7 +116,7 @@ def test_rows_of_products(device, tables, options):
     q = 2 * np.sin(reach * rng.uniform(0, 1, n) / 2) ** 2
     q[:20] = 0
     arrays = [x.astype(np.float32) for x in (e1, e2, q)]
-    needed = ("vector.cl", "lobe.cl", "tables.cl", "products.cl")
+    needed = ("vector.cl", "points.cl", "elementary.cl", "lobe.cl", "tables.cl", "products.cl")
     units = [*(unit for unit in kernel_units("paper") if unit[0] in needed), ("wrappers", WRAPPERS)]
     program = device.build(units, kernel_defines(device.info.vector_width, Mask(), 0, paper=options))
     out = device.allocate(n * 16)
