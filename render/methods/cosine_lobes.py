@@ -51,6 +51,9 @@ LARGEST_MOMENT_H = 0.2
 WINDOW = 3.0
 FEWEST_CELLS = 16
 
+# Up to this (e + 4) h^5, polynomials stand for a lobe along a mask's rows: 6e-5 of the lit share at worst.
+SMOOTH_ROWS = 0.3
+
 # A penumbra's lobe is not worth the light's cells where it adds less than this part of what a white diffuse
 # surface would add under the same light: below, its shadow is left out.
 NEGLIGIBLE_LOBE = 1e-4
@@ -61,6 +64,11 @@ def kernel_units(estimator: str) -> list[tuple[str, str]]:
     folder = files("coslobe.render.kernels")
     names = (*UNITS, *ESTIMATORS[estimator], KERNEL)
     return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in names]
+
+
+def points_at_once(vector_width: int) -> int:
+    """Points per work-item: as many as vectors have lanes, but one on GPUs, whose lanes are work-items."""
+    return vector_width if vector_width > 4 else 1
 
 
 def kernel_defines(
@@ -83,7 +91,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
-        "PW": vector_width,
+        "PW": points_at_once(vector_width),
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -107,6 +115,7 @@ def kernel_defines(
         "LARGEST_MOMENT_H": LARGEST_MOMENT_H,
         "NEGLIGIBLE_LOBE": NEGLIGIBLE_LOBE,
         "WINDOW": WINDOW,
+        "SMOOTH_ROWS": SMOOTH_ROWS,
         "FEWEST_CELLS": float(FEWEST_CELLS),
         **tables_layout.defines(),
     }
@@ -170,8 +179,8 @@ class CosineLobes:
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            room // device.info.vector_width,
-            layout.WORK_GROUP // device.info.vector_width,
+            room // defines["PW"],
+            layout.WORK_GROUP // defines["PW"],
             points,
             np.int32(n),
             nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),
@@ -249,7 +258,8 @@ class CosineLobes:
         if depth not in self._paper_tables:
             samples = tables_layout.samples(self._lobe_tables())
             own = samples["weights"][weights.MASK_DEPTHS.index(depth)]
-            arrays = (samples["product"], samples["cap"], own)
+            # Rows of products are read in eights.
+            arrays = (np.append(samples["product"], np.zeros(8, np.float32)), samples["cap"], own)
             self._paper_tables = {depth: [self._device.upload(array) for array in arrays]}
         return self._paper_tables[depth]
 
