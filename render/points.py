@@ -1,6 +1,5 @@
 """Points to be shaded as the kernel reads them: from a G-buffer, or made on the device from what rays hit."""
 
-from functools import cached_property
 from importlib.resources import files
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -26,6 +25,17 @@ class PointBuffers:
         self._device = device
         self._kept: WeakKeyDictionary[Any, tuple[NDArray, Any, NDArray]] = WeakKeyDictionary()
         self._inputs: WeakKeyDictionary[Any, list[Any]] = WeakKeyDictionary()
+        self._kernels: dict[str, Any] = {}
+
+    def build(self, points: GBuffer | Visible) -> None:
+        """Build the program that such points need, where it is not built yet."""
+        from pyopencl import Kernel
+
+        if isinstance(points, Visible) and self._device.has_doubles and not self._kernels:
+            source = (files("coslobe.render.kernels") / "visible.cl").read_text()
+            program = self._device.build([("layout", layout.point_rows()), ("visible.cl", source)], {})
+            names = ("points_on_plane", "points_on_mesh")
+            self._kernels = {name: Kernel(program, name) for name in names}
 
     def upload(self, points: GBuffer | Visible, material: NDArray) -> tuple[Any, NDArray, float]:
         """A buffer of `layout.POINT_ROWS`, the origin [3] of its positions, and the kernels' seconds.
@@ -35,16 +45,17 @@ class PointBuffers:
         known = self._kept.get(points)
         if known is not None and np.array_equal(known[0], material):
             return known[1], known[2], 0.0
+        self.build(points)
         seconds = 0.0
-        if isinstance(points, Visible) and self._device.has_doubles:
-            origin = points.origin
-            buffer, seconds = self._computed(points, material)
-        elif isinstance(points, Visible):
-            origin = points.origin
-            buffer = self._device.upload(pack_points(points.gbuffer, material, origin))
-        else:
+        if isinstance(points, GBuffer):
             origin = middle(points)
             buffer = self._device.upload(pack_points(points, material, origin))
+        elif self._kernels:
+            origin = points.origin
+            buffer, seconds = self._computed(points, material)
+        else:
+            origin = points.origin
+            buffer = self._device.upload(pack_points(points.gbuffer, material, origin))
         self._kept[points] = (material, buffer, origin)
         return buffer, origin, seconds
 
@@ -82,14 +93,6 @@ class PointBuffers:
             launches.append(device.launch(kernel, n_items, layout.WORK_GROUP, *arguments))
             alive.append(arguments)  # a kernel keeps its buffers only until it gets other arguments
         return buffer, sum(launch.seconds for launch in launches)
-
-    @cached_property
-    def _kernels(self) -> dict[str, Any]:
-        from pyopencl import Kernel
-
-        source = (files("coslobe.render.kernels") / "visible.cl").read_text()
-        program = self._device.build([("layout", layout.point_rows()), ("visible.cl", source)], {})
-        return {name: Kernel(program, name) for name in ("points_on_plane", "points_on_mesh")}
 
     def _once(self, thing: Any, arrays: Any) -> list[Any]:
         """The arrays of something that never changes, on the device as long as it lives."""

@@ -162,6 +162,7 @@ class CosineLobes:
             paper=scene.shading.paper,
         )
         kernel = self._kernel(scene.shading.estimator, defines)
+        self._points.build(gbuffer)
         build_seconds = time.perf_counter() - start
 
         points, origin, points_seconds = self._points.upload(gbuffer, packed.index)
