@@ -130,7 +130,7 @@ def _glossy(material: Material, value: float) -> Material:
     assert material.lambert is not None
     albedo = material.lambert.albedo
     half = 0.4 if isinstance(albedo, Texture) else tuple(part / 2 for part in albedo)
-    return Material.model_validate({"phong": {"kd": half, "ks": half, "exponent": value}})
+    return _sharpened(Material.model_validate({"phong": {"kd": half, "ks": half, "exponent": 1}}), value)
 
 
 def _objects(scene: Scene, change: Callable[[Any], dict[str, Any]]) -> Scene:

@@ -83,6 +83,11 @@ def emitter_owner(light: int) -> int:
     return FIRST_EMITTER - light
 
 
+def point_rows() -> str:
+    """OpenCL C for the names of POINT_ROWS."""
+    return f"enum {{ {', '.join(POINT_ROWS).upper()} }};\n"
+
+
 def declarations() -> str:
     """OpenCL C for everything above."""
     structs = {
@@ -92,7 +97,7 @@ def declarations() -> str:
     return (
         "".join(struct_declaration(name, dtype) for name, dtype in structs.items())
         + _ADD_STATS
-        + f"enum {{ {', '.join(POINT_ROWS).upper()} }};\n"
+        + point_rows()
         + _rows("MATERIAL", MATERIAL)
         + _rows("LOBE", LOBE)
         + f"#define GROUP {GROUP}\n#define WORK_GROUP {WORK_GROUP}\n#define NEAR_ROOM {NEAR_ROOM}\n"

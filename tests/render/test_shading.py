@@ -422,7 +422,7 @@ def test_order_of_blockers_and_points_does_not_matter(method):
 
 
 def test_lights_whose_lists_do_not_fit_together_come_in_batches(device, monkeypatch):
-    """With room for one light's list, and for none: the same masks, so the same picture to the last bit."""
+    """With room for one light's list, and for none: the same masks; sums of batches round differently."""
     rng = np.random.default_rng(11)
     lights = [([np.cos(k), 2.2, np.sin(k)], 0.2, 10.0) for k in range(5)]
     at, blocking = points(plane_grid(), material=1), random_blockers(rng, 60)
@@ -431,9 +431,9 @@ def test_lights_whose_lists_do_not_fit_together_come_in_batches(device, monkeypa
     for room in (96, 2 * device.info.vector_width):
         monkeypatch.setattr(layout, "NEAR_ROOM", room)
         found = CosineLobes(device).shade(scene(lights), at, blocking, asked)
-        np.testing.assert_array_equal(found.radiance, expected.radiance)
+        np.testing.assert_allclose(found.radiance, expected.radiance, rtol=1e-6)
         for name in asked:
-            np.testing.assert_array_equal(found.layers[name], expected.layers[name])
+            np.testing.assert_allclose(found.layers[name], expected.layers[name], rtol=1e-6)
     assert found.skipped["fully_dark"] == expected.skipped["fully_dark"]
 
 
@@ -442,11 +442,12 @@ def test_blockers_that_larger_ones_hide_change_nothing(method):
     rng = np.random.default_rng(12)
     large = [[0.0, 0.7, 0.0, 0.4], [0.5, 0.9, 0.3, 0.3]]
     inside = [[*(np.array(c) + rng.normal(size=3) * r * 0.2), r * 0.15] for *c, r in large for _ in range(40)]
-    at = points(plane_grid(32))
+    at = points(plane_grid(16, size=0.4) + [-0.5, 0, 0.3])
     few = method.shade(scene([KEY]), at, blockers(*large))
     many = method.shade(scene([KEY]), at, blockers(*large, *inside))
     np.testing.assert_array_equal(many.radiance, few.radiance)
-    assert many.skipped["spheres_tested_per_pair"] < 0.2 * few.skipped["spheres"] * 41
+    assert 0 < few.skipped["penumbra"]
+    assert many.skipped["spheres_tested_per_pair"] < 10
 
 
 @pytest.mark.parametrize("estimator", ["accurate", "paper"])
