@@ -1,5 +1,5 @@
 /* Points PW at a time: what every point needs, whether or not anything blocks its light, is computed for as many points
-   as vectors have lanes; PW is 1 where the device has none. */
+   as vectors have lanes. PW is VW, or 1 on devices whose lanes are work-items. */
 
 #if PW == 1
 #define POINTS(T) T
@@ -87,13 +87,8 @@ inline uint point_bits(pi chosen)
 {
 #if PW == 1
     return chosen != 0;
-#elif PW == VW
-    return lane_bits(chosen);
 #else
-    uint bits = 0;
-    for (int l = 0; l < PW; l++)
-        bits |= (INT_LANE(chosen, l) & 1) << l;
-    return bits;
+    return lane_bits(chosen);
 #endif
 }
 
