@@ -41,6 +41,11 @@ __kernel void columns_many(__global const float4 *rows, __global float *out)
     for (int k = 0; k < 4; k++)
         CAT(vstore, PW)(columns[k], 4 * i + k, out);
 }
+__kernel void store_many(__global const float *rows, const int count, __global float *out)
+{
+    const int i = get_global_id(0) * PW;
+    store3(load3(rows + i, count), out + 3 * i);
+}
 """
 
 LOGARITHM = np.array([1e-6, 0.3, 0.5, 0.7071, 0.70711, 0.99999, 1.0, 1.00001, 1.41421, 1.41422, 2.0, 3e7])
@@ -120,3 +125,15 @@ def test_transposing_rows_of_four(device):
     device.launch(program(device, 5).columns_many, len(rows), None, device.upload(rows), out)
     found = device.download(out, (len(rows), 4, width), np.float32)
     np.testing.assert_array_equal(found, rows.transpose(0, 2, 1))
+
+
+def test_storing_vectors(device):
+    """Rows of x, y and z become one vector after another, and nothing beyond the last is written."""
+    n = 4 * device.info.vector_width
+    rows = np.random.default_rng(3).random((3, n)).astype(np.float32)
+    out = device.upload(np.full(3 * n + 4, -1, np.float32))
+    count = n // device.info.vector_width
+    device.launch(program(device, 5).store_many, count, 1, device.upload(rows), np.int32(n), out)
+    found = device.download(out, (3 * n + 4,), np.float32)
+    np.testing.assert_array_equal(found[: 3 * n].reshape(n, 3), rows.T)
+    assert np.all(found[3 * n :] == -1)
