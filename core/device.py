@@ -239,6 +239,11 @@ class Device:
         """The device as plain data for manifests and reports."""
         return asdict(self.info)
 
+    @property
+    def local_bytes(self) -> int:
+        """Size of the memory that the work-items of a group share."""
+        return self.queue.device.local_mem_size
+
     def build(self, units: Sequence[tuple[str, str]], defines: Mapping[str, int | float | str]) -> Any:
         """A program from (name, OpenCL C) `units` in order, specialised by `defines`, built once per variant.
 

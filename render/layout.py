@@ -45,7 +45,11 @@ STATS = np.dtype(
 )
 
 WORK_GROUP = 64  # points, an 8x8 tile of pixels where all of them hit something
-NEAR_ROOM = 1024  # spheres that the lists of a work-group hold together
+# Spheres that the lists of a work-group hold together: in 28 kB of local memory; where there is more, as on
+# CPUs, in 112 kB, so that the lists of many lights need no batches.
+NEAR_ROOM = 1024
+LARGE_NEAR_ROOM = 4096
+LARGE_LOCAL_MEMORY = 1 << 18
 GROUP = 16  # spheres that are culled together
 NO_OWNER = -1
 FIRST_EMITTER = -2  # owner of the first light's sphere among the blockers; further lights count down
@@ -100,6 +104,6 @@ def declarations() -> str:
         + point_rows()
         + _rows("MATERIAL", MATERIAL)
         + _rows("LOBE", LOBE)
-        + f"#define GROUP {GROUP}\n#define WORK_GROUP {WORK_GROUP}\n#define NEAR_ROOM {NEAR_ROOM}\n"
+        + f"#define GROUP {GROUP}\n#define WORK_GROUP {WORK_GROUP}\n"
         + f"#define EMITTER_OWNER(light) ({FIRST_EMITTER} - (light))\n"
     )

@@ -71,6 +71,11 @@ def points_at_once(vector_width: int) -> int:
     return vector_width if vector_width > 4 else 1
 
 
+def near_room(local_bytes: int) -> int:
+    """Spheres that the lists of a work-group hold together on a device with so much local memory."""
+    return layout.LARGE_NEAR_ROOM if local_bytes >= layout.LARGE_LOCAL_MEMORY else layout.NEAR_ROOM
+
+
 def kernel_defines(
     vector_width: int,
     mask: Mask,
@@ -81,6 +86,7 @@ def kernel_defines(
     leaves: bool = False,
     work: bool = False,
     paper: Paper = Paper(),
+    near_room: int = layout.NEAR_ROOM,
 ) -> dict[str, int | float | str]:
     """Compile-time constants of one program variant."""
     rows = 2**mask.depth
@@ -92,6 +98,7 @@ def kernel_defines(
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
         "PW": points_at_once(vector_width),
+        "NEAR_ROOM": near_room,
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -161,6 +168,7 @@ class CosineLobes:
             leaves="mask_leaves" in layers,
             work=work_asked,
             paper=scene.shading.paper,
+            near_room=near_room(device.local_bytes),
         )
         kernel = self._kernel(scene.shading.estimator, defines)
         self._points.build(gbuffer)

@@ -10,9 +10,10 @@ from coslobe.core.device import Device
 from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres, light_spheres
 from coslobe.evaluate.sampling import strata
-from coslobe.render import layout, unshadowed
+from coslobe.render import unshadowed
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
+from coslobe.render.methods import cosine_lobes
 from coslobe.render.methods.cosine_lobes import CosineLobes
 from coslobe.render.scene import Light, Scene, SphereLight
 from coslobe.tables import lobe_cap
@@ -429,7 +430,7 @@ def test_lights_whose_lists_do_not_fit_together_come_in_batches(device, monkeypa
     asked = ("irradiance", "products", "mask_leaves")
     expected = CosineLobes(device).shade(scene(lights), at, blocking, asked)
     for room in (96, 2 * device.info.vector_width):
-        monkeypatch.setattr(layout, "NEAR_ROOM", room)
+        monkeypatch.setattr(cosine_lobes, "near_room", lambda _, room=room: room)
         found = CosineLobes(device).shade(scene(lights), at, blocking, asked)
         np.testing.assert_allclose(found.radiance, expected.radiance, rtol=1e-6)
         for name in asked:
