@@ -31,6 +31,8 @@ class Sweep:
         The value changes what is true, not just how well it is met.
     whole : bool
         Values are whole numbers.
+    settings : tuple of str
+        What is set in the shipped scene, as by `--set`.
     """
 
     name: str
@@ -40,6 +42,11 @@ class Sweep:
     apply: Callable[[Scene, Any], Scene]
     moves_reference: bool = False
     whole: bool = True
+    settings: tuple[str, ...] = ()
+
+    def lights(self, value: Any) -> int:
+        """How many lights share the samples that one of them had."""
+        return value if self.name == "lights" else 1
 
 
 def parse_values(sweep: Sweep, text: str | None) -> list[float]:
@@ -178,6 +185,10 @@ SWEEPS: dict[str, Sweep] = {
             _exponent,
             moves_reference=True,
             whole=False,
+            settings=(  # Fig. 17 is seen from beneath, where no highlight shows
+                "camera.look_at={origin: [-0.8, 3.2, 1.2], target: [0, 0.2, 0.2]}",
+                "camera.fov=50",
+            ),
         ),
     )
 }
