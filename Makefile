@@ -29,6 +29,7 @@ check: prepare
 	$(RUN) pyright
 
 bench: prepare
+	@$(PYTHON) scripts/prepare.py llvm
 	.venv/bin/python benchmarks/run.py
 
 bench-fits: prepare

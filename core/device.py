@@ -230,6 +230,11 @@ class Device:
         self.queue = self._cl.CommandQueue(self.context, raw, properties=properties)
         self._programs: dict[tuple[str, tuple[str, ...]], Any] = {}
 
+    @property
+    def has_doubles(self) -> bool:
+        """Whether kernels may compute in double precision."""
+        return "cl_khr_fp64" in self.queue.device.extensions.split()
+
     def describe(self) -> dict[str, Any]:
         """The device as plain data for manifests and reports."""
         return asdict(self.info)

@@ -20,7 +20,7 @@ from coslobe.evaluate.integration import Choice, Estimate, Source, integrate, un
 from coslobe.evaluate.sampling import strata
 
 PILOT = 32
-"""Samples of every source at every point in the pilot."""
+"""Samples of every source in the pilot, shared by the points of a pixel."""
 
 FEWEST = 8
 """Samples at least: a point where the pilot found no variance may have some."""
@@ -72,7 +72,9 @@ def integrate_adaptively(
     checkpoint: Checkpoint = NO_CHECKPOINT,
 ) -> tuple[Estimate, Choice]:
     """As `integrate`, with as many samples as `goal` needs; returns what they were, too."""
-    choice = uniform(strata(min(PILOT, goal.most)), len(sources), len(material))
+    points = max(len(material) // max(goal.pixels, 1), 1)  # of a pixel
+    few = strata(min(max(PILOT // points, FEWEST), goal.most))
+    choice = uniform(few, len(sources), len(material))
     pilot = (*seed, 0), f"{name}: pilot", progress, checkpoint
     estimate, spread = integrate(sources, material, choice, *pilot)
     costs, decays = (np.array([getattr(source, key) for source in sources]) for key in ("cost", "decay"))
@@ -83,7 +85,7 @@ def integrate_adaptively(
         text = f"{name}: {mean:.0f} samples per point" + (f", round {number}" if number > 1 else "")
         estimate, spread = integrate(sources, material, choice, (*seed, number), text, progress, checkpoint)
         allowed = goal.allowed_variance(estimate.radiance)
-        exhausted = bool((choice.samples >= goal.most)[spread > 0].all())
+        exhausted = bool((choice.samples == choice.grids[-1].samples)[spread > 0].all())
         if estimate.variance.sum() <= allowed or exhausted:
             break
     return estimate, choice

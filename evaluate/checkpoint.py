@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from coslobe.core.files import atomic_path
 
 INTERVAL = 10.0
-"""Seconds between two writes: what a killed run loses at most."""
+"""Seconds between two writes: what a killed run loses."""
+
+SHARE = 20.0
+"""Times the duration of a write, at least: huge images are written less often."""
 
 
 class Checkpoint:
@@ -29,7 +32,7 @@ class Checkpoint:
         self._path = path
         self._arrays = {} if path is None else _read(path, settings)
         self._arrays["settings"] = np.array(settings)
-        self._written = time.monotonic()
+        self._next = time.monotonic() + INTERVAL
 
     def restore(self, name: str, sums: Mapping[str, NDArray]) -> int:
         """Fill `sums` with what the pass `name` had reached; returns the number of blocks done."""
@@ -41,7 +44,8 @@ class Checkpoint:
 
     def keep(self, name: str, sums: Mapping[str, NDArray], done: int, *, last: bool) -> None:
         """Note that `done` blocks are in `sums`; written from time to time, kept in memory when `last`."""
-        due = time.monotonic() - self._written > INTERVAL
+        start = time.monotonic()
+        due = start > self._next
         if self._path is None or not (due or last):
             return
         self._arrays |= {f"{name}/{part}": values for part, values in sums.items()}
@@ -49,7 +53,8 @@ class Checkpoint:
         if due:
             with atomic_path(self._path) as temporary:
                 np.savez(temporary, **self._arrays)  # pyright: ignore[reportArgumentType]  # names of arrays
-            self._written = time.monotonic()
+            end = time.monotonic()
+            self._next = end + max(INTERVAL, SHARE * (end - start))
 
     def remove(self) -> None:
         """Everything is done: the file is not needed any more."""
@@ -65,6 +70,6 @@ def _read(path: Path, settings: str) -> dict[str, NDArray]:
     try:
         with np.load(path) as file:
             arrays = dict(file)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return {}
     return arrays if str(arrays.get("settings")) == settings else {}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from coslobe.core.progress import SILENT, Progress
 from coslobe.evaluate.brdf import brdf_terms, dot
 from coslobe.evaluate.occlusion import Segments, blocked_by_spheres, entry_distance, light_spheres
-from coslobe.evaluate.sampling import Caps, light_caps, square_to_cap
+from coslobe.evaluate.sampling import Caps, light_caps, light_measure, square_to_cap
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
@@ -175,7 +175,8 @@ def _traced(
                 visible &= ~_blocked_by_lights(
                     scene, gbuffer, at[some], index, directions, reach[some], visible
                 )
-            measure = _measure(gbuffer, at[some], light, caps.height[some])
+            to_light = np.asarray(light.center, np.float64) - gbuffer.position[at[some]]
+            measure = light_measure(Caps(caps.axis[some], caps.height[some]), to_light, light.radius)
             for name, scene in scenes.items():
                 light_on = _weighted(scene, gbuffer, at[some], directions, cosine[some], visible)
                 radiance[name][place[at[some]]] += light_on * measure[:, None] * light.emission()
@@ -186,14 +187,6 @@ def _caps(gbuffer: "GBuffer", at: NDArray, light: "SphereLight") -> Caps:
     center = np.asarray(light.center, np.float64)
     caps = light_caps(gbuffer.position[at], gbuffer.geometric_normal[at], center, light.radius)
     return Caps(caps.axis.astype(np.float32), caps.height.astype(np.float32))
-
-
-def _measure(gbuffer: "GBuffer", at: NDArray, light: "SphereLight", height: NDArray) -> NDArray:
-    """What a mean over the rays stands for: the cap's solid angle, or 1 / d^2 for a point light."""
-    if light.radius > 0:
-        return 2 * np.pi * height.astype(np.float64)
-    offset = np.asarray(light.center, np.float64) - gbuffer.position[at]
-    return 1 / np.maximum(np.einsum("ij,ij->i", offset, offset), np.finfo(float).tiny)
 
 
 def _weighted(

@@ -40,27 +40,38 @@ def with_speedups(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The rows; those of coslobe with `speedup`: how much sooner than each rival, at equal error.
 
     A rival's front is that of its settings with the same material. Times are taken per point, because rows
-    may differ in their number of points.
+    may differ in their number of points. `cpu_speedup` is the same by the processor time of all cores.
     """
-    curves: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for key in {(row["renderer"], row["material"]) for row in rows if row["renderer"] != "coslobe"}:
-        of_rival = [row for row in rows if (row["renderer"], row["material"]) == key]
-        if curve := front((row["relative_rmse_mesh"], row["seconds"] / row["points"]) for row in of_rival):
-            curves[key] = curve
     return [
-        {**row, "speedup": _against_all(row, curves)} if row["renderer"] == "coslobe" else dict(row)
+        {**row, "speedup": _against_all(row, rows)} if row["renderer"] == "coslobe" else dict(row)
         for row in rows
     ]
 
 
-def _against_all(row: Row, curves: Mapping[tuple[str, str], Any]) -> dict[str, Any]:
-    found = {}
-    for (rival, material), curve in sorted(curves.items()):
-        if material == row["material"]:
-            seconds, extrapolated = time_at(curve, row["relative_rmse_mesh"])
-            ratio = seconds / (row["seconds"] / row["points"])
-            found[rival] = {"speedup": ratio, "extrapolated": extrapolated}
+def _against_all(row: Row, rows: Sequence[Row]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for rival in sorted({other["renderer"] for other in rows} - {"coslobe"}):
+        same = [other for other in rows if (other["renderer"], other["material"]) == (rival, row["material"])]
+        ratios = {name: _ratio(row, same, name) for name in ("seconds", "cpu_seconds")}
+        if ratios["seconds"]:
+            speedup, extrapolated = ratios["seconds"]
+            cpu_speedup = ratios["cpu_seconds"][0] if ratios["cpu_seconds"] else None
+            found[rival] = {
+                "speedup": speedup,
+                "cpu_speedup": cpu_speedup,
+                "extrapolated": extrapolated,
+            }
     return found
+
+
+def _ratio(row: Row, rival: Sequence[Row], clock: str) -> tuple[float, bool] | None:
+    """How much longer the rival takes to the row's error, and whether its front had to be continued."""
+    curve = front((other["relative_rmse_mesh"], other[clock] / other["points"]) for other in rival)
+    own = row[clock] / row["points"]
+    if not curve or row["relative_rmse_mesh"] <= 0 or own <= 0:
+        return None
+    seconds, extrapolated = time_at(curve, row["relative_rmse_mesh"])
+    return seconds / own, extrapolated
 
 
 def best_speedups(rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -80,8 +91,7 @@ def best_speedups(rows: Sequence[Row]) -> list[dict[str, Any]]:
                     "spheres": spheres,
                     "device": row["device"],
                     "at_error": row["relative_rmse_mesh"],
-                    "speedup": found["speedup"],
-                    "extrapolated": found["extrapolated"],
+                    **found,
                     "setting": row["setting"],
                 }
     return list(best.values())

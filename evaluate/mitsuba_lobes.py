@@ -15,10 +15,10 @@ PLUGIN = "coslobe_lobe_sum"
 def register(mitsuba: Any) -> None:
     """Make the plugin known to `mitsuba`, whose variant must be set.
 
-    Its parameter `terms` is JSON: a list of {colour: [r, g, b], c: [x, y, z], exponent, cosine}, which stand
-    for colour max(x v_x l_x + y v_y l_y + z v_z l_z, 0)^exponent in the shading frame, whose z is the normal,
-    times the cosine l_z where `cosine` is true. The name of one of the plugin's textures may stand for a
-    colour or a number.
+    Its parameter `terms` is JSON: a list of {colour: [r, g, b], c: [x, y, z], exponent, cosine, normalised},
+    which stand for colour max(x v_x l_x + y v_y l_y + z v_z l_z, 0)^exponent in the shading frame, whose z is
+    the normal, times the cosine l_z where `cosine` is true, and times (exponent + 2) / (2 pi) where
+    `normalised` is. The name of one of the plugin's textures may stand for a colour or a number.
     """
     import drjit
 
@@ -49,6 +49,9 @@ def register(mitsuba: Any) -> None:
             axis = mitsuba.Vector3f(x * view.x, y * view.y, z * view.z)
             return axis, self._number(term["exponent"], interaction, active)
 
+        def _scale(self, term: Any, exponent: Any) -> Any:
+            return (exponent + 2) / (2 * drjit.pi) if term["normalised"] else 1.0
+
         def _is_constant(self, term: Any) -> bool:
             return term["exponent"] == 0 and term["cosine"]
 
@@ -58,7 +61,7 @@ def register(mitsuba: Any) -> None:
                 axis, exponent = self._lobe(term, interaction, active)
                 cosine = drjit.dot(axis, light)
                 lobe = drjit.select(cosine > 0, drjit.power(drjit.maximum(cosine, 1e-20), exponent), 0)
-                colour = self._colour(term["colour"], interaction, active)
+                colour = self._colour(term["colour"], interaction, active) * self._scale(term, exponent)
                 value += colour * (lobe * light.z if term["cosine"] else lobe)
             return drjit.select(active & (interaction.wi.z > 0) & (light.z > 0), value, mitsuba.Color3f(0))
 

@@ -85,7 +85,7 @@ def describe(
     for index, (name, obj) in enumerate(scene.objects.items()):
         if not obj.visible:
             continue
-        bsdf = {"bsdf": _bsdf(f"material {obj.material}", scene.materials[obj.material], assets, folder)}
+        bsdf = {"bsdf": _bsdf(f"materials.{obj.material}", scene.materials[obj.material], assets, folder)}
         if blockers is None or obj.plane is not None:
             result[f"object {name}"] = _shape(name, obj, assets, folder) | bsdf
             continue
@@ -153,7 +153,10 @@ def write_ply(path: Path, mesh: "Mesh", matrix: NDArray) -> None:
 
 def _bsdf(name: str, material: "Material", assets: "Assets", folder: Path) -> Description:
     if material.anisotropic:
-        raise CoslobeError(f"{name}: Mitsuba is given no anisotropic materials", "leave it out")
+        raise CoslobeError(
+            f"{name}: anisotropic, which the BSDF that is given to Mitsuba is not",
+            "leave it out or set c_x = c_y",
+        )
     albedo = material.lambert.albedo if material.lambert else None
     if isinstance(albedo, Texture) and (albedo.scale, albedo.offset) == (1, 0):
         picture = folder / f"{name}{Path(albedo.texture).suffix}".replace(" ", "_")
@@ -196,17 +199,17 @@ def _terms(material: Any, plain: Any) -> list[Description]:
             return plain(colour.model_copy(update=update))
         return [factor * part for part in colour]
 
-    def term(colour: Any, c: Any, exponent: Any = 0.0, *, cosine: bool = True) -> Description:
-        return {"colour": colour, "c": c, "exponent": exponent, "cosine": cosine}
+    def term(
+        colour: Any, c: Any, exponent: Any = 0.0, *, cosine: bool = True, normalised: bool = False
+    ) -> Description:
+        return {"colour": colour, "c": c, "exponent": exponent, "cosine": cosine, "normalised": normalised}
 
     if material.lambert is not None:
         return [term(scaled(material.lambert.albedo, 1 / np.pi), constant)]
     if material.phong is not None:
-        phong, n = material.phong, material.phong.exponent
-        if isinstance(n, Texture):
-            raise CoslobeError("Mitsuba is given no textured exponents of phong", "use lafortune")
-        specular = scaled(phong.ks, (n + 2) / (2 * np.pi))
-        return [term(scaled(phong.kd, 1 / np.pi), constant), term(specular, mirror, n)]
+        phong = material.phong
+        specular = term(scaled(phong.ks, 1.0), mirror, plain(phong.exponent), normalised=True)
+        return [term(scaled(phong.kd, 1 / np.pi), constant), specular]
     if material.phong_1975 is not None:
         old = material.phong_1975
         specular = term(scaled(old.ks, 1.0), mirror, plain(old.exponent), cosine=False)

@@ -220,7 +220,7 @@ def blocked_by_spheres(segments: Segments, spheres: Spheres) -> NDArray:
 
 
 def own_radii(height: NDArray, distance: NDArray, radii: NDArray, outside: NDArray) -> NDArray:
-    """Radii at which spheres of the receiver's own object block it, 0 where they do not (docs/evaluation.md).
+    """Radii at which spheres of the receiver's own object block it, 0 where they do not (docs/reference.md).
 
     `height` is the centre's height above the tangent plane, `distance` its distance to the point. Sphere sets
     bulge by up to `outside` above the true surface: a sphere that comes so close to the point is this surface

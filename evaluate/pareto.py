@@ -5,108 +5,40 @@ import io
 import statistics
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe import configs
 from coslobe.core.device import Device
 from coslobe.core.errors import CoslobeError
 from coslobe.core.files import write_json, write_text
 from coslobe.core.progress import SILENT, Progress
-from coslobe.evaluate.embree_front import Embree, embree_front
+from coslobe.evaluate.embree_front import embree_front
 from coslobe.evaluate.errors import compare
 from coslobe.evaluate.fronts import best_speedups, with_speedups
+from coslobe.evaluate.integration import Estimate
 from coslobe.evaluate.mitsuba_front import mitsuba_front
+from coslobe.evaluate.pareto_bench import Bench, fitted, set_up
 from coslobe.evaluate.provenance import provenance
 from coslobe.evaluate.report.pareto import write_pareto_report
-from coslobe.evaluate.truth import Truth, cached_truth
+from coslobe.evaluate.truth import cached_truth
 from coslobe.render.assets import Assets, world_blockers
-from coslobe.render.gbuffer import GBuffer, trace_gbuffer
 from coslobe.render.methods import create_method
-from coslobe.render.plan import select_frames
-from coslobe.render.scene import Scene, load_scene
 
 COUNTS = (16, 64, 256, 1024)
 DEPTHS = (2, 3, 4, 5)
 RUNS = 7
 WARM_UP = 1
 
-MATERIALS = {
-    "lambert": (),
-    "phong 50": ("materials.ground={phong: {kd: 0.3, ks: 0.4, exponent: 50}}",),
-    "phong 1000": ("materials.ground={phong: {kd: 0.3, ks: 0.4, exponent: 1000}}",),
-}
-"""Of the ground in the scene that is taken where none is given."""
-
-KNOWN_POINTS = 1 << 16  # errors are means over this many points, picked at random
-KNOWN_SPHERES = 1 << 12  # and those against the same spheres over fewer
-SAMPLES = 4096  # of the references
-FEWER_SAMPLES = {"lambert": 1024}  # where their noise is far below any error all the same
-
-CONTACT = 0.02
-"""Points nearer to a mesh than this part of its longest side are in contact with it."""
+ERRORS = {"lambert": 1e-3, "phong 50": 4e-3, "phong 1000": 1e-2}
+ERROR = 2e-3
+"""Standard error of the references, relative to their mean, by material and of others: well below the errors
+that are compared."""
 
 NEAR = 1e-3
 """So far above the ground does Mitsuba's camera begin to see in the scene whose meshes are hidden from it."""
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What all renderers share.
-
-    Attributes
-    ----------
-    path, overrides : Path, tuple of str
-        The scene file, and changes to it.
-    materials : dict
-        Further changes, by the name of a material.
-    frame : int
-    ground_only : bool
-        Meshes are hidden from the camera.
-    assets : Assets
-    gbuffer : GBuffer
-        The points.
-    known : int [m]
-        Those whose errors are measured; the first of them also against the same spheres.
-    apart : bool [m]
-        Those of them that are not in contact with a mesh.
-    """
-
-    path: Path
-    overrides: tuple[str, ...]
-    materials: Mapping[str, tuple[str, ...]]
-    frame: int
-    ground_only: bool
-    assets: Assets
-    gbuffer: GBuffer
-    known: NDArray
-    apart: NDArray
-
-    def scene(self, material: str, count: int | None = None) -> Scene:
-        """With one of the materials, and so many spheres for every mesh whose set is not read from a file."""
-        return _at(self.path, (*self.overrides, *self.materials[material]), self.frame, count)
-
-
-def _at(path: Path, overrides: Sequence[str], frame: int, count: int | None = None) -> Scene:
-    one_sample = "image.samples=1"  # points, not pixels, are compared
-    scene = load_scene(path, (*overrides, one_sample)).at(frame)
-    if count is None:
-        return scene
-    counts = tuple(f"objects.{name}.spheres.count={count}" for name in _fitted(scene))
-    return load_scene(path, (*overrides, one_sample, *counts)).at(frame)
-
-
-def _fitted(scene: Scene) -> list[str]:
-    """Objects that block light by spheres that are fitted."""
-    return [
-        name
-        for name, obj in scene.objects.items()
-        if obj.occludes and obj.mesh is not None and obj.spheres.file is None
-    ]
 
 
 def measure_fronts(
@@ -136,14 +68,14 @@ def measure_fronts(
         The scene has no lit point, or a file cannot be used or written.
     """
     assets = Assets(devices[0], progress)
-    bench = _bench(scene, tuple(overrides), frame, assets)
+    bench = set_up(scene, tuple(overrides), frame, assets)
     truths = {
         name: cached_truth(
             bench.scene(name),
             bench.gbuffer.some(bench.known),
             assets,
             "mesh",
-            FEWER_SAMPLES.get(name, SAMPLES),
+            ERRORS.get(name, ERROR),
             progress,
         )
         for name in bench.materials
@@ -185,37 +117,6 @@ def measure_fronts(
     return {**document, "results": results, "report": report}
 
 
-def _bench(path: Path | None, overrides: tuple[str, ...], frames: str | None, assets: Assets) -> Bench:
-    ground_only = path is None
-    materials = MATERIALS if path is None else {"scene": ()}
-    path = path or configs.path("pareto")
-    frame = select_frames(frames, load_scene(path, overrides).frames)[0]
-    scene = _at(path, overrides, frame)
-    gbuffer = trace_gbuffer(_without_meshes(scene) if ground_only else scene, assets)
-    n = len(gbuffer.position)
-    if n == 0 or not scene.lights:
-        raise CoslobeError(
-            f"{path}: frame {frame} shows no surface or has no light", "choose another --frames"
-        )
-    known = np.random.default_rng(0).permutation(n)[:KNOWN_POINTS]
-    meshes = [obj for obj in scene.objects.values() if obj.visible and obj.occludes and obj.mesh is not None]
-    longest = max(
-        (np.ptp(assets.mesh(obj).vertices, axis=0).max() * obj.transform.scale for obj in meshes), default=0.0
-    )
-    apart = np.ones(len(known), bool)
-    if meshes:
-        apart = Embree(scene, assets).distance(gbuffer.position[known]) > CONTACT * longest
-    return Bench(path, overrides, materials, frame, ground_only, assets, gbuffer, known, apart)
-
-
-def _without_meshes(scene: Scene) -> Scene:
-    hidden = {
-        name: obj if obj.plane is not None else obj.model_copy(update={"visible": False})
-        for name, obj in scene.objects.items()
-    }
-    return scene.model_copy(update={"objects": hidden})
-
-
 def _settings(counts: Sequence[int | None]) -> Iterator[tuple[int | None, str, int]]:
     """(spheres, estimator, depth): all for `accurate`; a line through the grid either way for `paper`."""
     for count in counts:
@@ -226,15 +127,14 @@ def _settings(counts: Sequence[int | None]) -> Iterator[tuple[int | None, str, i
 
 def _coslobe_rows(
     bench: Bench,
-    truths: Mapping[str, Truth],
+    truths: Mapping[str, Estimate],
     counts: Sequence[int | None],
     device: Device,
     progress: Progress,
 ) -> Iterator[dict[str, Any]]:
     method = create_method("cosine_lobes", device, progress)
-    fitted = _fitted(bench.scene(next(iter(bench.materials))))
-    settings = list(_settings(counts if fitted else (None,)))
-    some = bench.known[:KNOWN_SPHERES]
+    scene = bench.scene(next(iter(bench.materials)))
+    settings = list(_settings(counts if fitted(scene) else (None,)))
     with progress.task(f"coslobe on {device.info.version}", len(settings) * len(bench.materials)) as advance:
         for material in bench.materials:
             for count, estimator, depth in settings:
@@ -256,7 +156,12 @@ def _coslobe_rows(
                 seconds, wall, cpu = (statistics.median(run[k] for run in runs[WARM_UP:]) for k in range(3))
                 image = shaded.radiance.astype(np.float64)
                 spheres = cached_truth(
-                    scene, bench.gbuffer.some(some), bench.assets, "spheres", SAMPLES, progress
+                    scene,
+                    bench.gbuffer.some(bench.few),
+                    bench.assets,
+                    "spheres",
+                    ERRORS.get(material, ERROR),
+                    progress,
                 )
                 yield {
                     "renderer": "coslobe",
@@ -269,14 +174,16 @@ def _coslobe_rows(
                     "cpu_seconds": cpu,
                     "points": len(image),
                     **_errors(bench, image[bench.known], truths[material]),
-                    "relative_rmse_spheres": _rmse(image[some], spheres),
+                    "relative_rmse_spheres": _rmse(image[bench.few], spheres),
                     "noise_spheres": _noise(spheres),
                     "skipped": shaded.skipped,
                 }
                 advance()
 
 
-def _embree_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress) -> Iterator[dict[str, Any]]:
+def _embree_rows(
+    bench: Bench, truths: Mapping[str, Estimate], progress: Progress
+) -> Iterator[dict[str, Any]]:
     scenes = {name: bench.scene(name) for name in bench.materials}
     for count, timing in embree_front(scenes, bench.gbuffer, bench.known, bench.assets, progress):
         for material, radiance in timing.radiance.items():
@@ -293,7 +200,9 @@ def _embree_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress) 
             }
 
 
-def _mitsuba_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress) -> Iterator[dict[str, Any]]:
+def _mitsuba_rows(
+    bench: Bench, truths: Mapping[str, Estimate], progress: Progress
+) -> Iterator[dict[str, Any]]:
     scene = bench.scene(next(iter(bench.materials)))
     origin, target = (np.asarray(getattr(scene.camera.look_at, end)) for end in ("origin", "target"))
     near = float(np.linalg.norm(target - origin)) - NEAR if bench.ground_only else None
@@ -323,7 +232,7 @@ def _mitsuba_rows(bench: Bench, truths: Mapping[str, Truth], progress: Progress)
             }
 
 
-def _own_errors(bench: Bench, variance: NDArray, truth: Truth) -> dict[str, float]:
+def _own_errors(bench: Bench, variance: NDArray, truth: Estimate) -> dict[str, float]:
     """Of a picture whose mean counts as the truth: Mitsuba's pixels are areas, those of all others points."""
     mean = truth.radiance.mean()
     return {
@@ -332,7 +241,7 @@ def _own_errors(bench: Bench, variance: NDArray, truth: Truth) -> dict[str, floa
     }
 
 
-def _errors(bench: Bench, image: NDArray, truth: Truth) -> dict[str, float]:
+def _errors(bench: Bench, image: NDArray, truth: Estimate) -> dict[str, float]:
     apart = bench.apart
     found = compare(image[apart], truth.radiance[apart], truth.variance[apart])
     scale = truth.radiance[apart].mean() / truth.radiance.mean()  # in units of the whole picture's mean
@@ -342,11 +251,11 @@ def _errors(bench: Bench, image: NDArray, truth: Truth) -> dict[str, float]:
     }
 
 
-def _rmse(image: NDArray, truth: Truth) -> float:
+def _rmse(image: NDArray, truth: Estimate) -> float:
     return compare(image, truth.radiance, truth.variance).relative_rmse or 0.0
 
 
-def _noise(truth: Truth) -> float:
+def _noise(truth: Estimate) -> float:
     return compare(truth.radiance, truth.radiance, truth.variance).noise or 0.0
 
 

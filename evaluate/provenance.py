@@ -3,24 +3,16 @@
 import os
 import platform
 import subprocess
-from contextlib import suppress
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from coslobe.core.device import cpu_count
-from coslobe.core.version import VERSION
-
-PACKAGES = ("numpy", "open3d", "open3d-cpu", "mitsuba", "pyopencl")
+from coslobe.core.version import VERSION, library_versions
 
 
 def provenance() -> dict[str, Any]:
     """made, version, commit (None outside a checkout), processor, cpus, load_average and package versions."""
-    versions = {"python": platform.python_version()}
-    for package in PACKAGES:
-        with suppress(PackageNotFoundError):
-            versions[package] = version(package)
     return {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "version": VERSION,
@@ -28,7 +20,7 @@ def provenance() -> dict[str, Any]:
         "processor": processor(),
         "cpus": cpu_count(),
         "load_average": os.getloadavg()[0],
-        "versions": versions,
+        "versions": library_versions(),
     }
 
 

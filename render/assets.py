@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +14,8 @@ from coslobe.core.errors import NoDevice
 from coslobe.core.files import sha256
 from coslobe.core.progress import SILENT, Progress
 from coslobe.render.fields import Source
-from coslobe.render.gbuffer import RayCaster
 from coslobe.render.plane import plane_mesh
+from coslobe.render.raycaster import RayCaster
 from coslobe.render.scene import Material, Object, Scene
 from coslobe.render.surface import vertex_tangents
 from coslobe.render.textures import read_texels
@@ -49,6 +50,7 @@ class Assets:
         self._device = device
         self._progress = progress
         self._made: dict[Any, Any] = {}
+        self._lock = RLock()
         self.inputs: dict[str, str] = {}
 
     def mesh(self, obj: Object) -> Mesh:
@@ -159,9 +161,10 @@ class Assets:
         return tree.finest
 
     def _once(self, key: Any, make: "Callable[[], Any]") -> Any:
-        if key not in self._made:
-            self._made[key] = make()
-        return self._made[key]
+        with self._lock:  # frames are traced on another thread than they are shaded
+            if key not in self._made:
+                self._made[key] = make()
+            return self._made[key]
 
 
 def _arrays_hash(mesh: Mesh) -> str:

@@ -1,14 +1,15 @@
-"""Which points are shaded: the nearest surface behind every camera sample."""
+"""Which points are shaded: the nearest surface behind every camera sample, in float64 on the host."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.render.camera import Rays, camera_rays
+from coslobe.render.camera import Part, turned
 from coslobe.render.fields import Source
+from coslobe.render.hits import Hits, Layer, Tracer
 from coslobe.render.plane import locate
 from coslobe.render.surface import with_surface
 
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
     from coslobe.render.scene import Object, Scene
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GBuffer:
     """The shaded points of one frame, in tiles of 8x8 pixels; samples that hit nothing are left out.
+
+    `len` is their number.
 
     Attributes
     ----------
@@ -64,6 +67,14 @@ class GBuffer:
     texels: Mapping[Source, NDArray] = field(default_factory=dict)
     tangent: NDArray | None = None
 
+    def __len__(self) -> int:
+        return len(self.object)
+
+    def on(self, index: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Which points lie on an object [m], their triangles [m] and the weights of the corners [m, 3]."""
+        here = np.flatnonzero(self.object == index)
+        return here, self.triangle[here], self.weights[here]
+
     def some(self, index: NDArray) -> "GBuffer":
         """The points that `index` names, in that order."""
         arrays = {
@@ -103,200 +114,98 @@ class GBuffer:
         return image.reshape(self.height, self.width, *values.shape[1:])
 
 
-@dataclass
-class _Nearest:
-    """The nearest hit so far of each ray, filled object by object; normals face any side."""
-
-    t: NDArray
-    position: NDArray
-    geometric_normal: NDArray
-    shading_normal: NDArray
-    object: NDArray
-    material: NDArray
-    triangle: NDArray
-    weights: NDArray
-
-    def accept(self, rays: NDArray, index: int, material: int, hits: "_Hits") -> None:
-        self.t[rays] = hits.t
-        self.position[rays] = hits.position
-        self.geometric_normal[rays] = hits.geometric_normal
-        self.shading_normal[rays] = hits.shading_normal
-        self.object[rays] = index
-        self.material[rays] = material
-        self.triangle[rays] = hits.triangle
-        self.weights[rays] = hits.weights
-
-
-@dataclass(frozen=True)
-class _Hits:
-    t: NDArray
-    position: NDArray
-    geometric_normal: NDArray
-    shading_normal: NDArray
-    triangle: NDArray
-    weights: NDArray
-
-
 def trace_gbuffer(scene: "Scene", assets: "Assets") -> GBuffer:
     """Find the nearest surface behind every camera sample.
-
-    Each object is traced in its own frame, so that meshes need one acceleration structure for all frames
-    and instances, and positions come from barycentric coordinates in float64.
 
     Raises
     ------
     InvalidInput
         A texture or a tangent frame is missing; see `with_surface`.
     """
-    rays = camera_rays(scene)
-    n = len(rays.direction)
-    zeros = np.zeros((n, 3))
-    nearest = _Nearest(
-        np.full(n, np.inf),
-        zeros,
-        zeros.copy(),
-        zeros.copy(),
-        np.full(n, -1, np.int32),
-        np.zeros(n, np.int32),
-        np.zeros(n, np.int32),
-        zeros.copy(),
-    )
-    materials = {name: index for index, name in enumerate(scene.materials)}
+    whole = Part(0, scene.image.width * scene.image.height)
+    gbuffer = resolve(scene, assets, Tracer(assets).hits(scene, whole))
+    return with_surface(gbuffer, scene, assets)
+
+
+def resolve(scene: "Scene", assets: "Assets", hits: Hits) -> GBuffer:
+    """The points behind `hits`, without texels and tangents.
+
+    Positions come from barycentric coordinates or distances in float64; kernels/visible.cl does the same.
+    """
+    ray = np.flatnonzero(hits.object >= 0)
+    number = np.zeros(len(hits.object), np.int64)
+    number[ray] = np.arange(len(ray))
+    position, geometric, shading, weights = (np.zeros((len(ray), 3)) for _ in range(4))
+    triangle, material = np.zeros((2, len(ray)), np.int32)
+    names = list(scene.materials)
     for index, obj in enumerate(scene.objects.values()):
-        if obj.visible:
-            hit_object = _hit_plane if obj.plane is not None else _hit_mesh
-            hit_object(obj, index, materials[obj.material], assets, rays, nearest)
-    return with_surface(_turned_to_viewer(scene, rays, nearest), scene, assets)
-
-
-def _hit_plane(
-    obj: "Object", index: int, material: int, assets: "Assets", rays: Rays, nearest: _Nearest
-) -> None:
-    """The square y = 0 of the object's frame, intersected in closed form."""
-    assert obj.plane is not None
-    matrix = obj.transform.matrix()
-    linear, translation = matrix[:3, :3], matrix[:3, 3]
-    inverse = np.linalg.inv(linear)
-    origin = inverse @ (rays.origin - translation)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        t = -origin[1] / (rays.direction @ inverse[1])
-        candidates = np.flatnonzero((t > 0) & (t < nearest.t))
-    t = t[candidates]
-    local = origin + t[:, None] * (rays.direction[candidates] @ inverse.T)
-    local[:, 1] = 0.0  # where rounding left a trace of height
-    half = obj.plane.size / 2
-    inside = np.flatnonzero((np.abs(local[:, 0]) <= half) & (np.abs(local[:, 2]) <= half))
-    hit, local = candidates[inside], local[inside]
-    normal = inverse.T @ np.array([0.0, 1.0, 0.0])
-    normals = np.broadcast_to(normal / np.linalg.norm(normal), (len(hit), 3))
-    place = locate(obj.plane, local[:, 0], local[:, 2])
-    hits = _Hits(t[inside], local @ linear.T + translation, normals, normals, *place)
-    nearest.accept(hit, index, material, hits)
-
-
-def _hit_mesh(
-    obj: "Object", index: int, material: int, assets: "Assets", rays: Rays, nearest: _Nearest
-) -> None:
-    """A triangle mesh, intersected by Embree in the object's frame; t is the same in both frames."""
-    mesh = assets.mesh(obj)
-    caster = assets.raycaster(obj)
-    matrix = obj.transform.matrix()
-    linear, translation = matrix[:3, :3], matrix[:3, 3]
-    inverse = np.linalg.inv(linear)
-    origin = inverse @ (rays.origin - translation)
-    candidates = _near_mesh(mesh.vertices, matrix, rays)
-    direction = rays.direction[candidates] @ inverse.T
-    length = np.linalg.norm(direction, axis=1)  # 1 / scale: Embree is given unit directions
-    t, triangle, u, v = caster.nearest(origin, direction / length[:, None])
-    t = t / length
-    hit = np.flatnonzero(t < nearest.t[candidates])
-    triangle = triangle[hit]
-    weights = np.stack([1 - u[hit] - v[hit], u[hit], v[hit]], axis=1)
-    corners = mesh.faces[triangle]
-    a, b, c = (mesh.vertices[corners[:, k]] for k in range(3))
-    local = np.einsum("nk,nkd->nd", weights, mesh.vertices[corners])
-    geometric = np.cross(b - a, c - a)
-    if obj.normals == "flat":
-        smooth = geometric
-    else:
-        smooth = np.einsum("nk,nkd->nd", weights, mesh.normals[corners])
-        smooth = np.where(np.linalg.norm(smooth, axis=1, keepdims=True) > 1e-6, smooth, geometric)
-    position = local @ linear.T + translation
-    normals = _unit(geometric @ inverse), _unit(smooth @ inverse)
-    hits = _Hits(t[hit], position, *normals, triangle.astype(np.int32), weights)
-    nearest.accept(candidates[hit], index, material, hits)
-
-
-def _near_mesh(vertices: NDArray, matrix: NDArray, rays: Rays) -> NDArray:
-    """Indices of the rays that meet the sphere around the box of `vertices`, moved by `matrix`."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    corners = np.array(
-        [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-    )
-    corners = corners @ matrix[:3, :3].T + matrix[:3, 3]
-    centre = corners.mean(axis=0)
-    radius = np.linalg.norm(corners - centre, axis=1).max() * (1 + 1e-6)
-    to_centre = centre - rays.origin
-    tangent2 = to_centre @ to_centre - radius * radius
-    if tangent2 <= 0:
-        return np.arange(len(rays.direction))
-    return np.flatnonzero(rays.direction @ to_centre >= np.sqrt(tangent2))
-
-
-def _unit(vectors: NDArray) -> NDArray:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-
-
-def _turned_to_viewer(scene: "Scene", rays: Rays, nearest: _Nearest) -> GBuffer:
-    hit = np.flatnonzero(nearest.object >= 0)
-    view = -rays.direction[hit]
-    geometric, shading = nearest.geometric_normal[hit], nearest.shading_normal[hit]
-    geometric = geometric * np.where(_dot(geometric, view) < 0, -1.0, 1.0)[:, None]
+        if index in hits.layers:
+            layer, entries = hits.layers[index], hits.of(index)
+            here = number[layer.ray[entries]]
+            triangle[here], weights[here] = corners(obj, hits, layer, entries)
+            if obj.plane is not None:
+                along = hits.rays.local[:, layer.ray[entries]]
+                position[here] = hits.rays.origin + (layer.t[entries] * turned(hits.rays.frame.T, along)).T
+                geometric[here] = shading[here] = _unit(np.linalg.inv(obj.transform.matrix()[:3, :3])[1:2])
+            else:
+                surface = _on_mesh(obj, assets, triangle[here], weights[here])
+                position[here], geometric[here], shading[here] = surface
+            material[here] = names.index(obj.material)
+    view = -turned(hits.rays.frame.T, hits.rays.local[:, ray]).T
+    geometric *= np.where(_dot(geometric, view) < 0, -1.0, 1.0)[:, None]
     # The file's normals need not agree with its winding: they are taken to the side of the true surface.
-    shading = shading * np.where(_dot(shading, geometric) < 0, -1.0, 1.0)[:, None]
+    shading *= np.where(_dot(shading, geometric) < 0, -1.0, 1.0)[:, None]
     return GBuffer(
-        position=nearest.position[hit],
+        position=position,
         geometric_normal=geometric,
         shading_normal=shading,
         view=view,
-        object=nearest.object[hit],
-        material=nearest.material[hit],
-        pixel=rays.pixel[hit],
-        depth=nearest.t[hit],
-        triangle=nearest.triangle[hit],
-        weights=nearest.weights[hit],
+        object=hits.object[ray],
+        material=material,
+        pixel=hits.rays.pixel[ray],
+        depth=hits.t[ray],
+        triangle=triangle,
+        weights=weights,
         width=scene.image.width,
         height=scene.image.height,
         samples=scene.image.samples,
     )
 
 
+def corners(obj: "Object", hits: Hits, layer: Layer, entries: NDArray) -> tuple[NDArray, NDArray]:
+    """Triangles [m] and the weights of their corners [m, 3] of some `entries` of an object's layer."""
+    if layer.uv is not None and layer.triangle is not None:
+        u, v = layer.uv[entries].astype(np.float64).T
+        return layer.triangle[entries], np.stack([1 - u - v, u, v], axis=1)
+    assert obj.plane is not None
+    matrix = obj.transform.matrix()
+    inverse = np.linalg.inv(matrix[:3, :3])
+    origin = inverse @ (hits.rays.origin - matrix[:3, 3])
+    x, _, z = turned(inverse @ hits.rays.frame.T, hits.rays.local[:, layer.ray[entries]])
+    t = layer.t[entries]
+    return locate(obj.plane, origin[0] + t * x, origin[2] + t * z)
+
+
+def _on_mesh(
+    obj: "Object", assets: "Assets", triangle: NDArray, weights: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Position, geometric and shading normal, [m, 3] each; normals face any side."""
+    mesh, matrix = assets.mesh(obj), obj.transform.matrix()
+    inverse = np.linalg.inv(matrix[:3, :3])
+    three = mesh.faces[triangle]
+    a, b, c = (mesh.vertices[three[:, k]] for k in range(3))
+    geometric = np.cross(b - a, c - a)
+    smooth = geometric
+    if obj.normals == "smooth":
+        smooth = np.einsum("nk,nkd->nd", weights, mesh.normals[three])
+        smooth = np.where(np.linalg.norm(smooth, axis=1, keepdims=True) > 1e-6, smooth, geometric)
+    local = np.einsum("nk,nkd->nd", weights, mesh.vertices[three])
+    return local @ matrix[:3, :3].T + matrix[:3, 3], _unit(geometric @ inverse), _unit(smooth @ inverse)
+
+
+def _unit(vectors: NDArray) -> NDArray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
 def _dot(a: NDArray, b: NDArray) -> NDArray:
     return np.einsum("ij,ij->i", a, b)
-
-
-class RayCaster:
-    """Nearest hits against one mesh by Embree (through Open3D), in a frame centred on the mesh."""
-
-    def __init__(self, vertices: NDArray, faces: NDArray) -> None:
-        import open3d
-
-        self._tensor: Any = open3d.core.Tensor
-        self._centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        extent = np.max(vertices.max(axis=0) - vertices.min(axis=0))
-        self._scale = 1.0 / extent if extent > 0 else 1.0
-        local = ((vertices - self._centre) * self._scale).astype(np.float32)
-        self._scene: Any = open3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(self._tensor(local), self._tensor(faces.astype(np.uint32)))
-
-    def nearest(self, origin: NDArray, direction: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-        """Distance (inf: no hit), triangle and barycentric u, v of rays from `origin` [3] along [n, 3]."""
-        origin = (origin - self._centre) * self._scale
-        start = np.maximum(-(direction @ origin) - 1, 0)  # the mesh begins there; a far origin has no digits
-        rays = np.empty((len(direction), 6), np.float32)
-        rays[:, :3] = origin + start[:, None] * direction
-        rays[:, 3:] = direction
-        answer = self._scene.cast_rays(self._tensor(rays))
-        t = (answer["t_hit"].numpy() + start) / self._scale
-        uv = answer["primitive_uvs"].numpy().astype(np.float64)
-        return t, answer["primitive_ids"].numpy(), uv[:, 0], uv[:, 1]

@@ -35,8 +35,8 @@ LOBE = np.dtype(
 )
 # A light of radius 0 has an intensity in the place of its radiance.
 LIGHT = np.dtype([("center", *_F3), ("radius", np.float32), ("radiance", *_F3)])
-# Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe products computed,
-# mask leaves integrated.
+# Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe products
+# computed, mask leaves integrated.
 STATS = np.dtype(
     [
         (name, np.uint32)
@@ -51,27 +51,25 @@ NO_OWNER = -1
 FIRST_EMITTER = -2  # owner of the first light's sphere among the blockers; further lights count down
 
 
-_SUM_OF_STATS = f"""\
-inline stats_t sum_of_stats(const __local stats_t *counts)
+_ADD_STATS = f"""\
+inline void add_stats(__local stats_t *sum, const __local stats_t *counts)
 {{
-    stats_t sum = counts[0];
-    for (int k = 1; k < {WORK_GROUP} / PW; k++) {{
-        {" ".join(f"sum.{name} += counts[k].{name};" for name in STATS.names or ())}
+    for (int k = 0; k < {WORK_GROUP} / PW; k++) {{
+        {" ".join(f"sum->{name} += counts[k].{name};" for name in STATS.names or ())}
     }}
-    return sum;
 }}
 """
 
 
 def table(structs: NDArray) -> NDArray[np.float32]:
-    """One row of 4-byte numbers for each number in a struct: neighbours in a row are neighbouring structs'."""
+    """Structs of 4-byte numbers [n] as rows [numbers, n]: what lies side by side belongs to neighbours."""
     words = structs.view(np.float32).reshape(len(structs), -1)
     return np.ascontiguousarray(words.T)
 
 
 def _rows(name: str, dtype: np.dtype) -> str:
     """An enum of the rows at which a struct's fields begin."""
-    first = {field: dtype.fields[field][1] // 4 for field in dtype.names or () if dtype.fields}
+    first = {field: offset // 4 for field, (_, offset, *_) in (dtype.fields or {}).items()}
     return f"enum {{ {', '.join(f'{name}_{field.upper()} = {row}' for field, row in first.items())} }};\n"
 
 
@@ -85,6 +83,11 @@ def emitter_owner(light: int) -> int:
     return FIRST_EMITTER - light
 
 
+def point_rows() -> str:
+    """OpenCL C for the names of POINT_ROWS."""
+    return f"enum {{ {', '.join(POINT_ROWS).upper()} }};\n"
+
+
 def declarations() -> str:
     """OpenCL C for everything above."""
     structs = {
@@ -93,8 +96,8 @@ def declarations() -> str:
     }
     return (
         "".join(struct_declaration(name, dtype) for name, dtype in structs.items())
-        + _SUM_OF_STATS
-        + f"enum {{ {', '.join(POINT_ROWS).upper()} }};\n"
+        + _ADD_STATS
+        + point_rows()
         + _rows("MATERIAL", MATERIAL)
         + _rows("LOBE", LOBE)
         + f"#define GROUP {GROUP}\n#define WORK_GROUP {WORK_GROUP}\n#define NEAR_ROOM {NEAR_ROOM}\n"

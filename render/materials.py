@@ -14,6 +14,7 @@ from coslobe.render.layout import LOBE, MATERIAL
 if TYPE_CHECKING:
     from coslobe.render.gbuffer import GBuffer
     from coslobe.render.scene import Material
+    from coslobe.render.visible import Visible
 
 # Textures make exponents that differ from point to point, and a point takes the nearest of some slices of the
 # lobe-over-cap table. Slices scaled to a lobe's width differ where lobes are broad: by 0.36 % of the highest
@@ -141,7 +142,7 @@ def diffuse_and_lobes(material: "Material", values: Values) -> tuple[NDArray, li
     return diffuse, [lobe for lobe in lobes if lobe.rho.any()]
 
 
-def pack_materials(materials: Mapping[str, "Material"], gbuffer: "GBuffer") -> PackedMaterials:
+def pack_materials(materials: Mapping[str, "Material"], gbuffer: "GBuffer | Visible") -> PackedMaterials:
     """The structs of a scene's materials at the points of `gbuffer`.
 
     Raises

@@ -1,7 +1,7 @@
 """What materials need to know of the shaded points: values of their textures, and the tangent frame."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,31 @@ if TYPE_CHECKING:
     from coslobe.spheresets.mesh import Mesh
 
 
+class OnObjects(Protocol):
+    """Points of which is known on which object's triangles they lie."""
+
+    def __len__(self) -> int: ...
+
+    def on(self, index: int) -> tuple[NDArray, NDArray, NDArray]:
+        """Which points lie on an object [m], their triangles [m] and the weights of the corners [m, 3]."""
+        ...
+
+    @property
+    def shading_normal(self) -> NDArray:
+        """Unit vectors, float64 [n, 3]."""
+        ...
+
+
 def with_surface(gbuffer: "GBuffer", scene: "Scene", assets: "Assets") -> "GBuffer":
-    """`gbuffer` with the texels and tangents that the scene's materials ask for, and none else.
+    """`gbuffer` with the texels and tangents that the scene's materials ask for; errors as in `surface`."""
+    texels, tangent = surface(gbuffer, scene, assets)
+    return replace(gbuffer, texels=texels, tangent=tangent)
+
+
+def surface(
+    points: OnObjects, scene: "Scene", assets: "Assets"
+) -> tuple[dict[Source, NDArray], NDArray | None]:
+    """Texels by picture and tangents of `points` as in `GBuffer`, as far as materials ask for them.
 
     Raises
     ------
@@ -26,31 +49,29 @@ def with_surface(gbuffer: "GBuffer", scene: "Scene", assets: "Assets") -> "GBuff
         A picture cannot be read, or a mesh lacks the texture coordinates that its material needs.
     """
     texels: dict[Source, NDArray] = {}
-    n = len(gbuffer.position)
-    along = np.zeros((n, 3))
-    anisotropic = False
+    n = len(points)
+    along = None
     for index, (name, obj) in enumerate(scene.objects.items()):
         material = scene.materials[obj.material]
         if not (obj.visible and (material.pictures or material.anisotropic)):
             continue
-        here = np.flatnonzero(gbuffer.object == index)
         mesh = assets.mesh(obj)
-        corners, weights = mesh.faces[gbuffer.triangle[here]], gbuffer.weights[here]
+        here, triangle, weights = points.on(index)
+        corners = mesh.faces[triangle]
         if material.pictures:
             uv = _between(_texture_coordinates(mesh, f"objects.{name}", obj.material), corners, weights)
             for source in material.pictures:
                 found = look_up(assets.texels(source), uv)
                 texels.setdefault(source, np.zeros((n, *found.shape[1:])))[here] = found
         if material.anisotropic:
-            anisotropic = True
+            along = np.zeros((n, 3)) if along is None else along
             if material.tangent is not None:
                 local = np.asarray(material.tangent, np.float64)
             else:
                 _texture_coordinates(mesh, f"objects.{name}", obj.material)
                 local = _aligned(assets.tangents(obj)[corners], weights)
             along[here] = local @ obj.transform.matrix()[:3, :3].T
-    tangent = perpendicular(along, gbuffer.shading_normal) if anisotropic else None
-    return replace(gbuffer, texels=texels, tangent=tangent)
+    return texels, None if along is None else perpendicular(along, points.shading_normal)
 
 
 def _texture_coordinates(mesh: "Mesh", place: str, material: str) -> NDArray:

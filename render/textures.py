@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from coslobe.core.errors import InvalidInput
 from coslobe.render.images import linear
@@ -78,11 +77,13 @@ def look_up(texels: NDArray, uv: NDArray) -> NDArray[np.float64]:
     bottom to top, both from 0 to 1 over the picture.
     """
     height, width = texels.shape[:2]
-    row = (1 - uv[:, 1]) * height - 0.5
-    column = uv[:, 0] * width - 0.5
-    channels = texels[..., None] if texels.ndim == 2 else texels
-    values = [
-        map_coordinates(channels[..., k], [row, column], np.float64, order=1, mode="grid-wrap")
-        for k in range(channels.shape[-1])
-    ]
-    return np.stack(values, axis=-1).reshape(len(uv), *texels.shape[2:])
+    row, column = (1 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5
+    top, left = np.floor(row), np.floor(column)
+    down, right = (row - top).astype(np.float64), (column - left).astype(np.float64)
+    rows = [np.mod(top + k, height).astype(np.int64) * width for k in (0, 1)]
+    columns = [np.mod(left + k, width).astype(np.int64) for k in (0, 1)]
+    flat = texels.reshape(height * width, *texels.shape[2:])
+    if flat.ndim == 2:
+        down, right = down[:, None], right[:, None]
+    upper, lower = ((1 - right) * flat[line + columns[0]] + right * flat[line + columns[1]] for line in rows)
+    return (1 - down) * upper + down * lower

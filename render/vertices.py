@@ -10,7 +10,7 @@ from coslobe.core.errors import CoslobeError
 from coslobe.core.files import atomic_path
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.images import srgb
-from coslobe.render.surface import with_surface
+from coslobe.render.surface import OnObjects, with_surface
 
 if TYPE_CHECKING:
     from coslobe.render.assets import Assets
@@ -60,16 +60,15 @@ def vertex_points(scene: "Scene", assets: "Assets") -> GBuffer:
     return with_surface(points, scene, assets)
 
 
-def interpolate(scene: "Scene", assets: "Assets", seen: GBuffer, values: NDArray) -> NDArray:
+def interpolate(scene: "Scene", assets: "Assets", seen: OnObjects, values: NDArray) -> NDArray:
     """`values` [m, c] of the vertices between them, at the points of `seen`: float64 [n, c]."""
-    between = np.zeros((len(seen.position), values.shape[1]))
+    between = np.zeros((len(seen), values.shape[1]))
     first = 0
     for index, obj in enumerate(scene.objects.values()):
         if obj.visible:
             mesh = assets.mesh(obj)
-            here = np.flatnonzero(seen.object == index)
-            corners = first + mesh.faces[seen.triangle[here]]
-            between[here] = np.einsum("nk,nkc->nc", seen.weights[here], values[corners])
+            here, triangle, weights = seen.on(index)
+            between[here] = np.einsum("nk,nkc->nc", weights, values[first + mesh.faces[triangle]])
             first += len(mesh.vertices)
     return between
 

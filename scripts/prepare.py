@@ -5,7 +5,8 @@
 3. A self-test of OpenCL; where nothing passes it, the PoCL wheel.
 
 A stamp in .venv holds a hash of all that decides about its contents; while it fits, nothing is done.
-With the argument "browser": Chromium for the tests of reports, through apt where that is allowed.
+With the argument "browser": Chromium for the tests of reports; with "llvm": what Mitsuba's fast variant needs
+in benchmarks; both through apt where that is allowed.
 Needs Python alone, and ends with status 1 and the next step where something cannot be done from here.
 """
 
@@ -26,6 +27,7 @@ PYTHON = VENV / "bin" / "python"
 STAMP = VENV / "coslobe.stamp"
 RUNTIME = "pocl-opencl-icd"
 BROWSER = "chromium"
+LLVM = "libllvm19"
 
 
 def main() -> None:
@@ -73,18 +75,29 @@ def system_packages() -> None:
         say(f"{RUNTIME} could not be installed; the PoCL wheel takes its place")
 
 
-def browser() -> None:
-    """Chromium, where it is missing; tests of reports skip themselves without it, so nothing fails here."""
-    if shutil.which(BROWSER):
+def optional(package: str, present: bool, without: str) -> None:
+    """A system package that nothing fails without, where it is missing; `without` says what then happens."""
+    if present:
         return
     apt_get = administrator_apt_get()
     if apt_get is None:
-        say(f"tests of reports will be skipped; for them: sudo apt-get install -y {BROWSER}")
+        say(f"{without}; to change that: sudo apt-get install -y {package}")
         return
-    say(f"system packages: {BROWSER}")
+    say(f"system packages: {package}")
     run(*apt_get, "update", "-qq")
-    if not run(*apt_get, "install", "-y", "-qq", "--no-install-recommends", BROWSER):
-        say(f"{BROWSER} could not be installed; tests of reports will be skipped")
+    if not run(*apt_get, "install", "-y", "-qq", "--no-install-recommends", package):
+        say(f"{package} could not be installed; {without}")
+
+
+def browser() -> None:
+    """Chromium, for the tests of reports."""
+    optional(BROWSER, bool(shutil.which(BROWSER)), "tests of reports will be skipped")
+
+
+def llvm() -> None:
+    """A libLLVM that Mitsuba's vectorised variant works with: 15 ends the process."""
+    found = any(Path("/usr/lib").glob("*/libLLVM*19*"))
+    optional(LLVM, found, "Mitsuba will be timed in its scalar variant")
 
 
 def opencl_runtime_loads() -> bool:
@@ -153,4 +166,4 @@ def stop(reason: str, line: str) -> None:
 
 
 if __name__ == "__main__":
-    browser() if sys.argv[1:] == ["browser"] else main()
+    {"browser": browser, "llvm": llvm}.get("".join(sys.argv[1:]), main)()

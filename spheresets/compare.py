@@ -10,7 +10,7 @@ from coslobe.spheresets.ground_shadow import LIGHT_RADII
 from coslobe.spheresets.mesh import Mesh
 from coslobe.spheresets.metrics import measure
 from coslobe.spheresets.model import SphereSet
-from coslobe.spheresets.solid import Solid
+from coslobe.spheresets.solid import solid_of
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def measure_all(
     mesh: Mesh, sets: Sequence[SphereSet], device: Device, progress: Progress = SILENT
 ) -> list[dict[str, Any]]:
     """`metrics.measure` of each set against `mesh`."""
-    solid = Solid(mesh)
+    solid = solid_of(mesh)
     return [measure(solid, spheres, device, progress) for spheres in sets]
 
 

@@ -22,7 +22,7 @@ from coslobe.spheresets.metrics import measure
 from coslobe.spheresets.model import MeshInfo, SphereSet, SphereTree
 from coslobe.spheresets.outside import outside_distances
 from coslobe.spheresets.settings import FitSettings
-from coslobe.spheresets.solid import Solid
+from coslobe.spheresets.solid import Solid, solid_of
 from coslobe.spheresets.tree import bounding_hierarchy, level_counts, parents
 from coslobe.spheresets.variational import Variational
 
@@ -43,7 +43,7 @@ def fit_spheres(
     """
     started = time.perf_counter()
     with progress.task("sampling the mesh", 1) as advance:
-        solid = Solid(mesh)
+        solid = solid_of(mesh)
         report, sheets = solid.report, solid.sheets
         if sheets.any() and not sheets.all() and settings.mode != "outer":  # covers hold sheets, too
             solid = Solid(replace(mesh, faces=mesh.faces[~sheets]))
@@ -92,7 +92,7 @@ def cached_spheres(
         tree = fit_spheres(mesh, settings, device=device, progress=progress)
         _keep(path, tree)
     if metrics and not tree.metrics:
-        tree = replace(tree, metrics=measure(Solid(mesh), tree.finest, device, progress))
+        tree = replace(tree, metrics=measure(solid_of(mesh), tree.finest, device, progress))
         _keep(path, tree)
     return tree
 

@@ -26,7 +26,7 @@ SAMPLE_BUNNY = "sample:bunny"
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """Triangles with a normal per vertex.
 

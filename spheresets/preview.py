@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from coslobe.core.files import atomic_path
 from coslobe.spheresets.mesh import Mesh
 from coslobe.spheresets.model import SphereSet
-from coslobe.spheresets.solid import Solid
+from coslobe.spheresets.solid import Solid, solid_of
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def write_preview(path: Path, mesh: Mesh, spheres: SphereSet) -> None:
     """
     from PIL import Image, ImageDraw, ImageFont
 
-    solid = Solid(mesh)
+    solid = solid_of(mesh)
     unit = np.column_stack([(spheres.centers - solid.center) / solid.size, spheres.radii / solid.size])
     # Rows of a camera: right, up, towards the viewer.
     cameras = [np.array([np.cross(forward, up), up, np.negative(forward)]) for _, forward, up in VIEWS]

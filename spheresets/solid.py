@@ -1,6 +1,7 @@
 """The solid that a mesh bounds: inside test, distances and rays, by Embree through Open3D."""
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,13 @@ NOTED = 0.005  # share of the surface that is worth a word
 ASKEW = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
 
 Points = NDArray[np.float64]
+
+
+def solid_of(mesh: Mesh) -> "Solid":
+    """The solid of a mesh, analysed once as long as the mesh lives: fits, figures and pictures share it."""
+    if mesh not in _solids:
+        _solids[mesh] = Solid(mesh)
+    return _solids[mesh]
 
 
 class Solid:
@@ -295,3 +303,6 @@ def _directions(count: int) -> NDArray[np.float64]:
 def _rays(origins: Points, directions: NDArray[np.float64]) -> NDArray[np.float32]:
     origins, directions = np.broadcast_arrays(origins, directions)
     return np.concatenate([origins, directions], axis=1, dtype=np.float32)
+
+
+_solids: WeakKeyDictionary[Mesh, Solid] = WeakKeyDictionary()

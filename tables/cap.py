@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import root_scalar
 
 SAMPLES = 1000  # as in the paper
 SMALLEST_DEPTH = 1e-30  # the reciprocal still fits a float32
@@ -80,4 +79,6 @@ def best_exponent_depth(depth: float) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    from scipy.optimize import root_scalar  # slow to import, and needed for building tables only
+
     return float(root_scalar(function, method="brentq", bracket=(low, high), xtol=1e-14).root)

@@ -58,13 +58,12 @@ inline int shadow(float *terms, const receiver_t *receiver, const brdf_t *brdf, 
         /* A lobe that hardly reaches the light is not worth its cells. */
         if (largest(lobe->colour) * terms[1 + l] <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
             continue;
-        float3 cells = -1.0f;
+        float2 cells = -1.0f;
         if (WINDOW * WINDOW < h * h * (lobe->exponent + 1.0f))
-            cells = window_cells(lobe, receiver, cap, blockers, light, disk, &work->splats);
+            cells = window_cells(lobe, receiver, cap, cut, blockers, light, disk, &work->splats);
         if (cells.x < 0.0f)
-            cells = glossy_cells(lit, disk, h, nl, in_frame(lobe->axis, t, u, cap->a), lobe->exponent, lobe->cosine);
-        const float whole = cut ? cells.x : cells.y;
-        terms[1 + l] = whole > 0.0f ? terms[1 + l] * cells.z / whole : 0.0f;
+            cells = glossy_cells(lit, disk, h, nl, in_frame(lobe->axis, t, u, cap->a), lobe->exponent, lobe->cosine, cut);
+        terms[1 + l] *= cells.x > 0.0f ? cells.y / cells.x : 0.0f;
         work->products++;
     }
     return PARTIAL;

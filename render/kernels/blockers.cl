@@ -13,6 +13,7 @@ typedef struct {
     __global const int *owner;
     __global const float *group_x, *group_y, *group_z, *group_radius;
     int n_groups; /* a multiple of VW; a group holds GROUP spheres */
+    __constant uint *disk; /* cells of masks that count */
     /* Of the points of this work-group; see lists.cl. */
     __local const float *near;
     __local const int *list;
@@ -108,7 +109,7 @@ OWN_RADIUS(float, own_radius_1)
 /* Marks what VW spheres at o from the point cover, of the given radius, bulge and owner. Returns DARK where one covers the
    light, LIT where none meets it, else PARTIAL; completes the frame (t, u, a) where it was not `framed`. */
 inline int mark_spheres(ru *mask, float3 *t, float3 *u, int *framed, const receiver_t *receiver, const cap_t *cap, int light,
-                        vf ox, vf oy, vf oz, vf r, vf outside, vi owner, uint *splats)
+                        __constant uint *disk, vf ox, vf oy, vf oz, vf r, vf outside, vi owner, uint *splats)
 {
     const float3 a = cap->a, n = receiver->geometric;
     const vf along = ox * a.x + oy * a.y + oz * a.z, d2 = ox * ox + oy * oy + oz * oz;
@@ -174,6 +175,8 @@ inline int mark_spheres(ru *mask, float3 *t, float3 *u, int *framed, const recei
                 for (int k = 0; k < NR; k++)
                     touched[k] = 0;
                 splat_sphere(touched, h, fx[l], fy[l], fz[l], ft[l], fr[l]);
+                for (int k = 0; k < NR; k++)
+                    touched[k] &= RU_LOAD(k, disk);
                 splat_near_light(mask, touched, h, fx[l], fy[l], fz[l], fr[l], in_frame(cap->centre, *t, *u, a),
                                  cap->radius2);
             }
@@ -193,7 +196,7 @@ inline int visibility(const __local blockers_t *blockers, const receiver_t *rece
     const int first = blockers->list[2 * light], listed = blockers->list[2 * light + 1];
     for (int s = first; s < first + listed; s += VW) {
         __local const float *near = blockers->near + s;
-        const int found = mark_spheres(mask, t, u, &framed, receiver, cap, light, VF_LOAD(near) - p.x,
+        const int found = mark_spheres(mask, t, u, &framed, receiver, cap, light, blockers->disk, VF_LOAD(near) - p.x,
                                        VF_LOAD(near + NEAR_ROOM) - p.y, VF_LOAD(near + 2 * NEAR_ROOM) - p.z,
                                        VF_LOAD(near + 3 * NEAR_ROOM), VF_LOAD(near + 4 * NEAR_ROOM),
                                        AS_VI(VF_LOAD(near + 5 * NEAR_ROOM)), splats);
@@ -208,7 +211,7 @@ inline int visibility(const __local blockers_t *blockers, const receiver_t *rece
         for (; groups; groups &= groups - 1) {
             const int begin = (g + lowest_bit(groups)) * GROUP;
             for (int s = begin; s < begin + GROUP; s += VW) {
-                const int found = mark_spheres(mask, t, u, &framed, receiver, cap, light, VF_LOAD(blockers->x + s) - p.x,
+                const int found = mark_spheres(mask, t, u, &framed, receiver, cap, light, blockers->disk, VF_LOAD(blockers->x + s) - p.x,
                                                VF_LOAD(blockers->y + s) - p.y, VF_LOAD(blockers->z + s) - p.z,
                                                VF_LOAD(blockers->radius + s), VF_LOAD(blockers->outside + s),
                                                VI_LOAD(blockers->owner + s), splats);

@@ -26,19 +26,19 @@ LOGARITHM(ln_points, pf, pi, TO_PF, AS_PF, AS_PI)
 LOG_BELOW(log_rows, ln_rows, rf)
 LOG_BELOW(log_points, ln_points, pf)
 
-/* exp(y) for y <= 80; 0 below -80, before results lose digits. */
-#define EXPONENTIAL(NAME, T, TO_I, AS_T) \
+/* exp(y) for y <= 80 within 1e-7 (1 + |y|) relative; 0 below -88. Adding 1.5 2^23 rounds to a whole number, and leaves it
+   in the lowest bits. */
+#define EXPONENTIAL(NAME, T, AS_T, AS_I) \
     inline T NAME(T y) \
     { \
-        const T t = fmax(y, -80.0f) * 1.44269504088896f; \
-        const T whole = floor(t + 0.5f); \
-        const T f = t - whole; \
-        const T p = 1.0f + f * (0.693147180559945f + f * (0.240226506959101f + f * (0.0555041086648216f \
-                  + f * (0.00961812910762848f + f * (0.00133335581464284f + f * 0.000154035303933816f))))); \
-        return select((T)(0.0f), p * AS_T((TO_I(whole) + 127) << 23), y > -80.0f); \
+        const T t = fmax(y * 1.44269504088896f, -127.0f); \
+        const T whole = t + 12582912.0f, f = t - (whole - 12582912.0f); \
+        const T p = 1.0f + f * (0.693147004f + f * (0.240222424f + f * (0.0555073358f \
+                  + f * (0.00967151299f + f * 0.00132647261f)))); \
+        return p * AS_T((AS_I(whole) + 127) << 23); \
     }
-EXPONENTIAL(exp_rows, rf, TO_RI, AS_RF)
-EXPONENTIAL(exp_points, pf, TO_PI, AS_PF)
+EXPONENTIAL(exp_rows, rf, AS_RF, AS_RI)
+EXPONENTIAL(exp_points, pf, AS_PF, AS_PI)
 
 /* acos(1 - q) for q in [0, 2]; Abramowitz and Stegun 4.4.46. */
 #define ANGLE(NAME, T) \

@@ -163,21 +163,21 @@ inline int drop_hidden(const cap_t *cap, __local float *near, int first, int cou
     return count;
 }
 
-/* Fills `near` and `list` for the points of a work-group, whose rows begin at `points`. */
+/* Fills `near` and `list` for the points of a work-group, whose rows begin at `points`, and for lights from the first on
+   while there is room; returns the light after them. */
 __attribute__((noinline))
-void list_near(const __local blockers_t *blockers, __global const float *points, int stride, __global const light_t *lights, int n_lights,
-                      __local float *near, __local int *list)
+int list_near(const __local blockers_t *blockers, __global const float *points, int stride, __global const light_t *lights,
+              int first_light, int n_lights, __local float *near, __local int *list)
 {
-    if (blockers->n_groups == 0) {
-        for (int j = 0; j < 2 * n_lights; j++)
-            list[j] = 0;
-        return;
+    if (blockers->n_groups == 0 && n_lights == 1) {
+        list[0] = list[1] = 0;
+        return 1;
     }
     const bounds_t bounds = bounds_of(points, stride);
     const float3 p = 0.5f * (bounds.low + bounds.high);
     const float slack = 1.0001f * length(bounds.high - p);
     int count = 0;
-    for (int j = 0; j < n_lights; j++) {
+    for (int j = first_light; j < n_lights; j++) {
         const float3 centre = vload3(0, lights[j].center);
         const float r = lights[j].radius;
         const cap_t cap = cap_of(centre - p, r);
@@ -208,9 +208,12 @@ void list_near(const __local blockers_t *blockers, __global const float *points,
             list[2 * j + 1] = count - first;
             for (; count % VW; count++)
                 near[3 * NEAR_ROOM + count] = -1.0f;
+        } else if (first > 0) {
+            return j; /* with the whole room next time */
         } else {
             list[2 * j + 1] = ALL_GROUPS;
-            count = first;
+            count = 0;
         }
     }
+    return n_lights;
 }

@@ -3,7 +3,7 @@
 
 /* exp(e log(1 - q)) for rows of q >= 0: the lobe from q = |a - v|^2 / 2, without the rounding of a dot product.
    Relative error 1e-6 + 2e-7 |e log(1 - q)|. */
-inline rf lobe_rows(rf q, float e)
+inline rf lobe_rows(rf q, rf e)
 {
     return select((rf)(0.0f), exp_rows(e * log_rows(q)), q < 1.0f);
 }

@@ -156,7 +156,7 @@ inline void splat_horizon(ru *mask, float h, float3 n)
 
 /* Mark those cells of `candidates` where the ray enters a sphere before the light: for blockers that reach into the
    range of depths that the light's surface spans. o and rho2 as in splat_sphere, light the centre of the light in the
-   mask's frame, light_rho2 the square of its radius. Half a chord is the root of rho^2 - |o x p|^2 / |p|^2: the
+   mask's frame, light_rho2 the square of its radius. Half a chord, times |p|, is the root of rho^2 |p|^2 - |o x p|^2: the
    textbook (o.p)^2 / |p|^2 - tau has no digits left for a small sphere far away. */
 inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, float oy, float oz, float rho2,
                              float3 light, float light_rho2)
@@ -164,16 +164,18 @@ inline void splat_near_light(ru *mask, const ru *candidates, float h, float ox, 
     for (int k = 0; k < NR; k++) {
         const rf y = row_centres(k) * h;
         const rf cx = oy - oz * y, lx = light.y - light.z * y;
-        for (int c = 0; c < ROWS; c++) {
+        const ru open = candidates[k] & ~mask[k];
+        for (uint columns = row_or(open); columns; columns &= columns - 1) {
+            const int c = lowest_bit(columns);
             const float x = column_centre(c) * h;
             const rf cz = ox * y - oy * x, lz = light.x * y - light.y * x;
             const float cy = oz * x - ox, ly = light.z * x - light.x;
-            const rf inverse = rsqrt(x * x + y * y + 1.0f), inverse2 = inverse * inverse;
-            const rf chord = sqrt(fmax(rho2 - (cx * cx + cz * cz + cy * cy) * inverse2, 0.0f));
-            const rf light_chord = sqrt(fmax(light_rho2 - (lx * lx + lz * lz + ly * ly) * inverse2, 0.0f));
+            const rf length2 = x * x + y * y + 1.0f;
+            const rf chord = sqrt(fmax(rho2 * length2 - (cx * cx + cz * cz + cy * cy), 0.0f));
+            const rf light_chord = sqrt(fmax(light_rho2 * length2 - (lx * lx + lz * lz + ly * ly), 0.0f));
             /* The middle of one chord than of the other. */
-            const rf farther = ((ox - light.x) * x + (oy - light.y) * y + (oz - light.z)) * inverse;
-            mask[k] |= candidates[k] & AS_RU(farther < chord - light_chord) & (1u << c);
+            const rf farther = (ox - light.x) * x + (oy - light.y) * y + (oz - light.z);
+            mask[k] |= open & AS_RU(farther < chord - light_chord) & (1u << c);
         }
     }
 }

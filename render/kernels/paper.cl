@@ -110,83 +110,99 @@ inline level_t leaf_level(const __local tables_t *tables, const cap_t *cap, floa
     return level;
 }
 
-/* What up to RW leaves, at (x, y) in the plane of the mask, take from a term; axis and n in the mask's frame. Where
-   `near` axes are all that matters, products have a closed form instead of the table's. */
-inline float taken(const pair_t *pair, float3 axis, int cosine, float3 n, rf x, rf y, int leaves, int near)
+/* Up to RW leaves: their columns and rows in half cells, exponents and weights of their lobes. */
+typedef struct {
+    int column[RW], row[RW], count;
+    rf exponent, weight;
+} leaves_t;
+
+/* Takes leaves from a term; axis and n in the mask's frame. A leaf whose product cannot reach the threshold is not worth
+   one: closed form. Returns how many products that needed. */
+inline uint take(term_t *term, const leaves_t *leaves, const __local tables_t *tables, float h, float3 axis, float3 n,
+                 float threshold)
 {
-    const rf inverse = rsqrt(x * x + y * y + 1.0f);
+    const rf x = (TO_RF(RI_LOAD(leaves->column)) * (1.0f / ROWS) - 1.0f) * h;
+    const rf y = (TO_RF(RI_LOAD(leaves->row)) * (1.0f / ROWS) - 1.0f) * h;
+    const rf e2 = leaves->exponent;
+    const float e1 = term->exponent;
+    const ri there = row_numbers() < (float)leaves->count;
+    const rf inverse = rsqrt(x * x + y * y + 1.0f), sum = e1 + e2;
     const rf lx = x * inverse, ly = y * inverse;
     const rf dx = lx - axis.x, dy = ly - axis.y, dz = inverse - axis.z;
     const rf q = 0.5f * (dx * dx + dy * dy + dz * dz);
-    rf along_axis, along_leaf, exponent, integral;
-    if (near) {
-        const float e1 = pair->e1, e2 = pair->e2, sum = e1 + e2;
-        along_axis = e1 / sum;
-        along_leaf = e2 / sum;
-        exponent = sum;
-        integral = lobe_rows(q, e1 * e2 / sum) * (2.0f * M_PI_F / (sum + 1.0f));
-    } else {
-        integral = products(pair, q, leaves, &along_axis, &along_leaf, &exponent);
+    const rf amplitude = term->scale * leaves->weight, coaxial = 2.0f * M_PI_F / (sum + 1.0f);
+    const ri worth = there & (term->size * amplitude * coaxial >= threshold);
+    const uint n_products = row_bits_count(worth);
+    rf along_axis = e1 / sum, along_leaf = e2 / sum, exponent = sum, integral;
+    if (n_products < leaves->count)
+        integral = lobe_rows(q, e1 * along_leaf) * coaxial;
+    if (n_products > 0) {
+        rf a, b, e;
+        const rf exact = products(tables->products, e1, e2, q, leaves->count, &a, &b, &e);
+        integral = select(integral, exact, worth);
+        along_axis = select(along_axis, a, worth);
+        along_leaf = select(along_leaf, b, worth);
+        exponent = select(exponent, e, worth);
     }
-    rf value = integral * inverse * inverse * inverse;
-    if (cosine) {
+    rf value = integral * amplitude * inverse * inverse * inverse;
+    if (term->cosine) {
         const rf cosine_to_leaf = n.x * lx + n.y * ly + n.z * inverse;
         value *= (along_axis * dot(n, axis) + along_leaf * cosine_to_leaf) * (exponent + 1.0f) / (exponent + 2.0f);
     }
-    return row_sum(select((rf)(0.0f), value, row_numbers() < (float)leaves));
+    term->taken += row_sum(select((rf)(0.0f), value, there));
+    return n_products;
 }
 
-/* Takes the leaves of a tree from all terms; returns how many products that needed. A leaf whose product cannot reach
-   the threshold is not worth a product: closed form. */
+/* Takes leaves from all terms; returns how many products that needed. */
+inline uint take_all(term_t *terms, int n_terms, const leaves_t *leaves, const __local tables_t *tables, const cap_t *cap,
+                     float h, float3 n, float3 t, float3 u, float threshold)
+{
+    const float3 nl = in_frame(n, t, u, cap->a);
+    uint n_products = 0;
+    for (int k = 0; k < n_terms; k++)
+        if (!terms[k].sharp)
+            n_products += take(&terms[k], leaves, tables, h, in_frame(terms[k].axis, t, u, cap->a), nl, threshold);
+    return n_products;
+}
+
+/* Takes the leaves of a tree, whose rows are filled up to 2 ROWS, from all terms; returns how many products that needed. */
 inline uint take_leaves(term_t *terms, int n_terms, const uint *tree, const cap_t *cap, const __local tables_t *tables, float h,
                         float3 n, float3 t, float3 u, float threshold)
 {
-    const float3 nl = (float3)(dot(n, t), dot(n, u), dot(n, cap->a));
-    uint products = 0;
-    for (int rows = ROWS, width = 1, depth = MASK_DEPTH; depth > 0; rows /= 2, width *= 2, depth--) {
-        const uint *bits = tree + tree_level(rows);
-        uint leaves = 0;
-        for (int r = 0; r < rows; r++)
-            leaves += popcount(bits[r]);
-        if (leaves == 0)
-            continue;
-        const level_t level = leaf_level(tables, cap, h, rows, depth);
-        pair_t pairs[1 + MAX_LOBES];
-        float3 axes[1 + MAX_LOBES];
-        int near[1 + MAX_LOBES];
-        for (int k = 0; k < n_terms; k++) {
-            if (terms[k].sharp)
-                continue;
-            const float3 axis = terms[k].axis;
-            axes[k] = (float3)(dot(axis, t), dot(axis, u), dot(axis, cap->a));
-            const float most = terms[k].scale * level.weight * (2.0f * M_PI_F) / (terms[k].exponent + level.exponent + 1.0f);
-            near[k] = terms[k].size * most < threshold;
-            pairs[k].e1 = terms[k].exponent;
-            pairs[k].e2 = level.exponent;
-            if (!near[k]) {
-                find_samples(&pairs[k], tables->products);
-                products += leaves;
+    leaves_t leaves;
+    leaves.count = 0;
+    leaves.exponent = leaves.weight = 1.0f; /* lanes that no leaf fills still hold numbers */
+    RI_STORE((ri)(ROWS), leaves.column);
+    RI_STORE((ri)(ROWS), leaves.row);
+    uint n_products = 0;
+    int depth = MASK_DEPTH + 1, begin = 0, end = 0; /* of the level at hand, and its rows */
+    level_t level;
+    for (int k = 0; k < 2 * NR; k++)
+        for (uint filled = row_bits(AS_RI(RU_LOAD(k, tree) != 0)); filled; filled &= filled - 1) {
+            const int r = k * RW + lowest_bit(filled);
+            if (r >= end) {
+                for (; r >= end; depth--) {
+                    begin = end;
+                    end += 1 << (depth - 1);
+                }
+                level = leaf_level(tables, cap, h, 1 << depth, depth);
+                const ri later = row_numbers() >= (float)leaves.count;
+                leaves.exponent = select(leaves.exponent, (rf)(level.exponent), later);
+                leaves.weight = select(leaves.weight, (rf)(level.weight), later);
             }
-        }
-        float x[RW] = {0}, y[RW] = {0}; /* lanes that wait for nothing still hold numbers */
-        int waiting = 0;
-        for (int r = 0; r < rows; r++) {
-            const float row = ((r + 0.5f) * (2.0f / rows) - 1.0f) * h;
-            for (uint left = bits[r]; left; left &= left - 1) {
-                x[waiting] = ((lowest_bit(left) + 0.5f * width) * (2.0f / ROWS) - 1.0f) * h;
-                y[waiting] = row;
-                leaves--;
-                if (++waiting < RW && leaves > 0)
+            const int width = ROWS >> depth, row = (2 * (r - begin) + 1) * width;
+            for (uint left = tree[r]; left; left &= left - 1) {
+                leaves.column[leaves.count] = 2 * lowest_bit(left) + width;
+                leaves.row[leaves.count] = row;
+                if (++leaves.count < RW)
                     continue;
-                for (int k = 0; k < n_terms; k++)
-                    if (!terms[k].sharp)
-                        terms[k].taken += terms[k].scale * level.weight
-                                    * taken(&pairs[k], axes[k], terms[k].cosine, nl, RF_LOAD(x), RF_LOAD(y), waiting, near[k]);
-                waiting = 0;
+                n_products += take_all(terms, n_terms, &leaves, tables, cap, h, n, t, u, threshold);
+                leaves.count = 0;
+                leaves.exponent = level.exponent;
+                leaves.weight = level.weight;
             }
         }
-    }
-    return products;
+    return n_products + (leaves.count ? take_all(terms, n_terms, &leaves, tables, cap, h, n, t, u, threshold) : 0);
 }
 
 /* Takes the cells of a mask from sharp terms; see light_terms. */
@@ -202,9 +218,8 @@ inline void take_cells(term_t *terms, int n_terms, const ru *mask, __constant ui
         if (!term->sharp || term->size * term->whole <= NEGLIGIBLE_LOBE * 2.0f * cap->depth)
             continue;
         const float3 axis = (float3)(dot(term->axis, t), dot(term->axis, u), dot(term->axis, cap->a));
-        const float3 cells = glossy_cells(lit, disk, h, nl, axis, term->exponent, term->cosine);
-        const float all = cut ? cells.x : cells.y;
-        terms[k].taken = term->whole * (1.0f - (all > 0.0f ? cells.z / all : 0.0f));
+        const float2 cells = glossy_cells(lit, disk, h, nl, axis, term->exponent, term->cosine, cut);
+        terms[k].taken = term->whole * (1.0f - (cells.x > 0.0f ? cells.y / cells.x : 0.0f));
     }
 }
 
@@ -236,7 +251,8 @@ inline int shadow(float *integrals, const receiver_t *receiver, const brdf_t *br
         framed = 1;
     }
     const int state = visibility(blockers, receiver, cap, light, &t, &u, framed, mask, &work->splats);
-    uint tree[TREE_ROWS];
+    uint tree[2 * ROWS];
+    tree[TREE_ROWS] = 0;
     const int leaves = state == PARTIAL ? shadow_leaves(mask, disk, tree) : state == DARK;
     work->leaves += leaves;
     if (state == DARK || (leaves > 0 && tree[TREE_ROWS - 1]))

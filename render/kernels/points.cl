@@ -14,15 +14,16 @@ typedef POINTS(int) pi;
 #define AS_PI POINTS(as_int)
 #define AS_PF POINTS(as_float)
 
+/* Vectors in memory, and the value of one point, to be read or written. */
 #if PW == 1
 #define PF_LOAD(p) (*(p))
+#define LANE(v, l) (v)
+#define INT_LANE(v, l) (v)
 #else
 #define PF_LOAD(p) CAT(vload, PW)(0, p)
-#endif
-
-/* The value of one point, to be read or written. */
 #define LANE(v, l) (((__private float *)&(v))[l])
 #define INT_LANE(v, l) (((__private int *)&(v))[l])
+#endif
 
 typedef struct {
     pf x, y, z;
@@ -78,8 +79,7 @@ inline pf largest_of(pf3 v)
 
 inline float3 vector_lane(const pf3 *v, int l)
 {
-    return (float3)(((__private const float *)&v->x)[l], ((__private const float *)&v->y)[l],
-                    ((__private const float *)&v->z)[l]);
+    return (float3)(LANE(v->x, l), LANE(v->y, l), LANE(v->z, l));
 }
 
 /* One bit per point of a comparison's result, the first lowest. */
@@ -95,6 +95,12 @@ inline uint point_bits(pi chosen)
         bits |= (INT_LANE(chosen, l) & 1) << l;
     return bits;
 #endif
+}
+
+/* 1 where a comparison's result is true: scalars have that already, vectors -1. */
+inline pi ones(pi chosen)
+{
+    return PW == 1 ? chosen : -chosen;
 }
 
 inline pi point_numbers(void)

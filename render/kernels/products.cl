@@ -6,31 +6,42 @@
 #define SCALE_CHANNEL 2
 #endif
 
-typedef struct {
-    float e1, e2;
-    __global const float *samples[4]; /* of the four pairs of sampled exponents around this one, and their weights */
-    float weights[4];
-    float last, across; /* the largest angle, and the Beta function of the integral */
-} pair_t;
-
-/* Completes a pair of exponents by what all its products share. */
-inline void find_samples(pair_t *pair, __global const float *table)
+/* Residuals of the products of one lobe with lobes of the exponents e2: of the product's exponent (x) and of its scale
+   (y), at `back` angles from the last one. Linear between the samples of four pairs of exponents and two angles. */
+inline void residuals(__global const float *table, float e1, rf e2, rf back, int count, rf *shape, rf *scale)
 {
-    const float e1 = pair->e1, e2 = pair->e2, z = 0.5f * (e1 + e2 + 2.0f);
-    pair->last = product_reach(e1, e2);
-    pair->across = sqrt(M_PI_F / (z - 0.25f + 0.03125f / z));
-    const float2 position = fmin(log1p((float2)(2.0f * e1, 2.0f * e2)) * PRODUCT_STEPS, PRODUCT_EXPONENTS - 1);
-    const int2 cell = min(convert_int2(position), PRODUCT_EXPONENTS - 2);
-    const float2 f = position - convert_float2(cell);
-    for (int corner = 0; corner < 4; corner++) {
-        const int a = corner & 1, b = corner >> 1;
-        pair->samples[corner] = table + product_row(cell.x + a, cell.y + b);
-        pair->weights[corner] = (a ? f.x : 1.0f - f.x) * (b ? f.y : 1.0f - f.y);
+    const float position1 = fmin(log1p(2.0f * e1) * PRODUCT_STEPS, PRODUCT_EXPONENTS - 1.0f);
+    const rf position2 = fmin(ln_rows(1.0f + 2.0f * e2) * PRODUCT_STEPS, PRODUCT_EXPONENTS - 1.0f);
+    const int i = min((int)position1, PRODUCT_EXPONENTS - 2);
+    const ri j = min(TO_RI(position2), PRODUCT_EXPONENTS - 2), angle = min(TO_RI(back), PRODUCT_ANGLES - 2);
+    const float g1 = position1 - i, f1 = 1.0f - g1;
+    const rf g2 = position2 - TO_RF(j), f2 = 1.0f - g2, f = back - TO_RF(angle);
+    const ri place = 3 * (PRODUCT_ANGLES - 2 - angle);
+    float w[4][RW];
+    int p[4][RW];
+    RF_STORE(f1 * f2, w[0]);
+    RF_STORE(g1 * f2, w[1]);
+    RF_STORE(f1 * g2, w[2]);
+    RF_STORE(g1 * g2, w[3]);
+    RI_STORE(place + product_rows(i, j), p[0]);
+    RI_STORE(place + product_rows(i + 1, j), p[1]);
+    RI_STORE(place + product_rows(i, j + 1), p[2]);
+    RI_STORE(place + product_rows(i + 1, j + 1), p[3]);
+    float last[2][RW] = {{0}}, before[2][RW] = {{0}}; /* at the greater angle and at the smaller one */
+    for (int l = 0; l < count; l++) {
+        const float8 v = w[0][l] * vload8(0, table + p[0][l]) + w[1][l] * vload8(0, table + p[1][l])
+                       + w[2][l] * vload8(0, table + p[2][l]) + w[3][l] * vload8(0, table + p[3][l]);
+        before[0][l] = v.s0;
+        before[1][l] = SCALE_CHANNEL == 1 ? v.s1 : v.s2;
+        last[0][l] = v.s3;
+        last[1][l] = SCALE_CHANNEL == 1 ? v.s4 : v.s5;
     }
+    *shape = mix(RF_LOAD(last[0]), RF_LOAD(before[0]), f);
+    *scale = mix(RF_LOAD(last[1]), RF_LOAD(before[1]), f);
 }
 
 /* Tangents of the angles from both axes to the peak, over the sine of the angle between the axes, whose cosine is c. */
-inline void peak_rows(float e1, float e2, rf c, rf s2, rf *t, rf *u)
+inline void peak_rows(float e1, rf e2, rf c, rf s2, rf *t, rf *u)
 {
     const rf along = (e1 + e2) * fabs(c);
     const rf root = sqrt(along * along + 4.0f * e1 * e2 * s2);
@@ -40,29 +51,15 @@ inline void peak_rows(float e1, float e2, rf c, rf s2, rf *t, rf *u)
     *u = select(2.0f * e1 / sum, scaled / (2.0f * e2), c < 0.0f);
 }
 
-/* Integrals of the products with the first `count` lobes, whose axes have q = |a1 - a2|^2 / 2. The product's axis is *along1 a1 +
-   *along2 a2, its exponent *exponent. Both exponents are above 0. */
-inline rf products(const pair_t *pair, rf q, int count, rf *along1, rf *along2, rf *exponent)
+/* Integrals of the products of a lobe of exponent e1 with the first `count` lobes of exponents e2, all above 0, whose
+   axes have q = |a1 - a2|^2 / 2. A product's axis is *along1 a1 + *along2 a2. */
+inline rf products(__global const float *table, float e1, rf e2, rf q, int count, rf *along1, rf *along2, rf *exponent)
 {
-    const float e1 = pair->e1, e2 = pair->e2, last = pair->last;
     const rf c = 1.0f - q, s2 = q * (2.0f - q);
     const rf alpha = angle_rows(q);
-    float angles[RW], shapes[RW] = {0}, scales[RW] = {0};
-    RF_STORE(clamp((last - alpha) / last, 0.0f, 1.0f) * (PRODUCT_ANGLES - 1), angles);
-    for (int lane = 0; lane < count; lane++) {
-        const int angle = min((int)angles[lane], PRODUCT_ANGLES - 2);
-        const int offset = 3 * (PRODUCT_ANGLES - 2 - angle);
-        const float f = angles[lane] - angle;
-        float shape = 0.0f, scale = 0.0f;
-        for (int corner = 0; corner < 4; corner++) {
-            __global const float *p = pair->samples[corner] + offset;
-            shape += pair->weights[corner] * mix(p[3], p[0], f);
-            scale += pair->weights[corner] * mix(p[3 + SCALE_CHANNEL], p[SCALE_CHANNEL], f);
-        }
-        shapes[lane] = shape;
-        scales[lane] = scale;
-    }
-    const rf shape = RF_LOAD(shapes), scale = RF_LOAD(scales);
+    const rf last = fmin(PRODUCT_REACH * sqrt(1.0f / (e1 + 1.0f) + 1.0f / (e2 + 1.0f)), M_PI_F); /* as in product_reach */
+    rf shape, scale;
+    residuals(table, e1, e2, clamp((last - alpha) / last, 0.0f, 1.0f) * (PRODUCT_ANGLES - 1), count, &shape, &scale);
 
     /* What residuals are relative to: coslobe.tables.product._closed_forms. */
     rf t, u;
@@ -76,7 +73,8 @@ inline rf products(const pair_t *pair, rf q, int count, rf *along1, rf *along2, 
 #else
     const rf opening = fmax(M_PI_F - alpha, 1e-15f);
     const rf width = rsqrt(k / (2.0f * M_PI_F) + 1.0f / (opening * opening));
-    const rf integral = exp_rows(log_peak + scale) * pair->across * width;
+    const rf z = 0.5f * (e1 + e2 + 2.0f), across = sqrt(M_PI_F / (z - 0.25f + 0.03125f / z)); /* the plane of both axes */
+    const rf integral = exp_rows(log_peak + scale) * across * width;
 #endif
     peak_rows(e1, e2, c, s2, &t, &u);
     *along1 = u * rsqrt(1.0f + u * u * s2);

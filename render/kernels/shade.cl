@@ -60,8 +60,12 @@ inline void add_lane(pf3 *sum, int l, float3 v)
     LANE(sum->z, l) += v.z;
 }
 
-inline void store_points(pf3 v, __global float *out)
+/* Of all points, in addition to what is there where that is asked for. */
+inline void store_points(pf3 v, int add, __global float *out)
 {
+    if (add)
+        for (int l = 0; l < PW; l++)
+            add_lane(&v, l, vload3(l, out));
     for (int l = 0; l < PW; l++)
         vstore3(vector_lane(&v, l), l, out);
 }
@@ -105,6 +109,8 @@ inline void whole_terms(pf *terms, const __local frame_t *frame, const receivers
                         const caps_t *caps, pf over_shading)
 {
     terms[0] = whole_diffuse(caps, over_shading);
+    for (int k = brdfs->n_lobes; k < MAX_LOBES; k++)
+        terms[1 + k] = 0.0f;
     for (int k = 0; k < brdfs->n_lobes; k++) {
         const bound_lobes_t *lobe = &brdfs->lobes[k];
         /* Where the horizon cuts the light, with the cosine to the lobe's own axis: the cells take it to the true one. */
@@ -123,8 +129,8 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
     const pi below = (over_geometric <= -caps->sine) | (over_shading <= -caps->sine);
     const pi above = chosen & (below == 0);
     const int listed = frame->blockers.list[2 * j + 1];
-    count->below -= chosen & below;
-    count->listed -= chosen * max(listed, 0);
+    count->below += ones(chosen & below);
+    count->listed += ones(chosen) * max(listed, 0);
     if (!point_bits(above))
         return;
     pf terms[1 + MAX_LOBES];
@@ -139,23 +145,24 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
         const receiver_t receiver = receiver_lane(receivers, l);
         const brdf_t brdf = brdf_lane(brdfs, l);
         const cap_t cap = cap_lane(caps, l);
+        /* Of constant length: LLVM 15 compiles copies of as many as there are lobes wrongly where PW is 1. */
         float own[1 + MAX_LOBES];
-        for (int k = 0; k <= brdf.n_lobes; k++)
+        for (int k = 0; k <= MAX_LOBES; k++)
             own[k] = LANE(terms[k], l);
         work_t work = {0};
         INT_LANE(state, l) = shadow(own, &receiver, &brdf, &cap, &frame->blockers, j, &frame->tables, frame->disk,
                                     frame->threshold, &work);
-        for (int k = 0; k <= brdf.n_lobes; k++)
+        for (int k = 0; k <= MAX_LOBES; k++)
             LANE(terms[k], l) = own[k];
         INT_LANE(count->splats, l) += work.splats;
         INT_LANE(count->products, l) += work.products;
         INT_LANE(count->leaves, l) += work.leaves;
     }
     const pi shaded = above & (state != DARK);
-    count->lit -= above & (state == LIT);
-    count->partial -= above & (state == PARTIAL);
-    count->dark -= above & (state == DARK);
-    count->products -= shaded * (1 + brdfs->n_lobes);
+    count->lit += ones(above & (state == LIT));
+    count->partial += ones(above & (state == PARTIAL));
+    count->dark += ones(above & (state == DARK));
+    count->products += ones(shaded) * (1 + brdfs->n_lobes);
     pf3 part = scaled(brdfs->kd, useful * terms[0]);
     for (int k = 0; k < brdfs->n_lobes; k++)
         part = plus(part, terms[1 + k], brdfs->lobes[k].colour);
@@ -166,9 +173,10 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
     *arriving = plus(*arriving, select((pf)(0.0f), terms[0], shaded), vectors(colour.x, colour.y, colour.z));
 }
 
-/* Shades PW points from the first on; returns what that took. */
+/* Shades PW points from the first on by lights from `begin` to before `end`, in addition to those before; returns what that
+   took. */
 __attribute__((noinline))
-stats_t shade_points(const __local frame_t *frame, int first)
+stats_t shade_points(const __local frame_t *frame, int first, int begin, int end)
 {
     const int n = min(PW, frame->n_points - first);
     const receivers_t receivers = load_points(frame->points + first, frame->stride);
@@ -184,9 +192,9 @@ stats_t shade_points(const __local frame_t *frame, int first)
     for (int l = 0; l < n; l++)
         INT_LANE(within, l) = PW == 1 ? 1 : -1;
     counts_t count = {0};
-    for (int j = 0; j < frame->n_lights; j++) {
+    for (int j = begin; j < end; j++) {
         if (frame->blockers.list[2 * j + 1] == BELOW) {
-            count.below -= within;
+            count.below += ones(within);
             continue;
         }
         const light_t light = frame->lights[j];
@@ -198,13 +206,15 @@ stats_t shade_points(const __local frame_t *frame, int first)
         add_special(frame, j, special, &receivers, &brdfs, &caps, &sum, &arriving, &count);
         add_light(frame, j, within & (special == 0), &receivers, &brdfs, &caps, &sum, &arriving, &count);
     }
-    store_points(sum, frame->radiance + 3 * first);
+    store_points(sum, begin > 0, frame->radiance + 3 * first);
 #if IRRADIANCE
-    store_points(arriving, frame->irradiance + 3 * first);
+    store_points(arriving, begin > 0, frame->irradiance + 3 * first);
 #endif
 #if WORK
-    for (int l = 0; l < PW; l++)
-        frame->work[first + l] = (uint2)(INT_LANE(count.products, l), INT_LANE(count.leaves, l));
+    for (int l = 0; l < PW; l++) {
+        const uint2 before = begin > 0 ? frame->work[first + l] : (uint2)(0);
+        frame->work[first + l] = before + (uint2)(INT_LANE(count.products, l), INT_LANE(count.leaves, l));
+    }
 #endif
     const stats_t all = {point_sum(count.lit), point_sum(count.partial), point_sum(count.dark), point_sum(count.below),
                          point_sum(count.listed), point_sum(count.splats), point_sum(count.products), point_sum(count.leaves)};
@@ -226,9 +236,13 @@ void shade(__global const float *points, const int n_points, __global const floa
 {
     __local frame_t frame;
     __local float near[NEAR_ROWS * NEAR_ROOM];
-    __local stats_t counts[WORK_GROUP / PW];
+    __local stats_t counts[WORK_GROUP / PW], sum;
+    __local int end;
     const int first = get_group_id(0) * WORK_GROUP, lane = get_local_id(0), own = first + lane * PW;
+    const stats_t nothing = {0};
+    counts[lane] = nothing;
     if (lane == 0) {
+        sum = nothing;
         frame.points = points;
         frame.tangents = tangents;
         frame.materials.rows = materials;
@@ -260,14 +274,22 @@ void shade(__global const float *points, const int n_points, __global const floa
         frame.blockers.group_z = group_z;
         frame.blockers.group_radius = group_radius;
         frame.blockers.n_groups = n_groups;
+        frame.blockers.disk = disk;
         frame.blockers.near = near;
         frame.blockers.list = list;
-        list_near(&frame.blockers, points + first, frame.stride, lights, n_lights, near, list);
     }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    const stats_t nothing = {0};
-    counts[lane] = own < n_points ? shade_points(&frame, own) : nothing;
-    barrier(CLK_LOCAL_MEM_FENCE);
+    int begin = 0;
+    do { /* all lights at once, where there is room for their lists */
+        if (lane == 0)
+            end = list_near(&frame.blockers, points + first, frame.stride, lights, begin, n_lights, near, list);
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (own < n_points)
+            counts[lane] = shade_points(&frame, own, begin, end);
+        barrier(CLK_LOCAL_MEM_FENCE);
+        begin = end;
+        if (lane == 0)
+            add_stats(&sum, counts);
+    } while (begin < n_lights);
     if (lane == 0)
-        stats[get_group_id(0)] = sum_of_stats(counts);
+        stats[get_group_id(0)] = sum;
 }

@@ -46,6 +46,8 @@ typedef CAT(int, RW) ri;
 typedef CAT(uint, RW) ru;
 #define RU_LOAD(k, p) CAT(vload, RW)(k, p)
 #define RU_STORE(v, k, p) CAT(vstore, RW)(v, k, p)
+#define RI_LOAD(p) CAT(vload, RW)(0, p)
+#define RI_STORE(v, p) CAT(vstore, RW)(v, 0, p)
 #define RF_STORE(v, p) CAT(vstore, RW)(v, 0, p)
 #define RF_LOAD(p) CAT(vload, RW)(0, p)
 #define TO_RI CAT(convert_int, RW)
@@ -77,4 +79,40 @@ inline float row_sum(rf v)
 #endif
     const float2 c = b.lo + b.hi;
     return c.x + c.y;
+}
+
+/* In how many lanes is the comparison's result true? */
+inline int row_bits_count(ri chosen)
+{
+    return (int)(0.5f - row_sum(TO_RF(chosen)));
+}
+
+/* One bit per lane of a comparison's result, lane 0 lowest. */
+inline uint row_bits(ri chosen)
+{
+#if RW == VW
+    return lane_bits(chosen);
+#else
+    int lanes[RW];
+    RI_STORE(chosen, lanes);
+    uint bits = 0;
+    for (int l = 0; l < RW; l++)
+        bits |= (lanes[l] & 1) << l;
+    return bits;
+#endif
+}
+
+/* The bits of all lanes. */
+inline uint row_or(ru v)
+{
+#if RW == 16
+    const uint8 a = v.lo | v.hi;
+    const uint4 b = a.lo | a.hi;
+#elif RW == 8
+    const uint4 b = v.lo | v.hi;
+#else
+    const uint4 b = v;
+#endif
+    const uint2 c = b.lo | b.hi;
+    return c.x | c.y;
 }

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.scene import Scene
+from coslobe.render.visible import Visible
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class Method(Protocol):
         ...
 
     def shade(
-        self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
+        self, scene: Scene, gbuffer: GBuffer | Visible, blockers: Blockers, layers: Sequence[str] = ()
     ) -> Shading:
         """Light the points of `gbuffer`; `layers` may name irradiance, products and mask_leaves.
 

@@ -14,10 +14,12 @@ from coslobe.render import layout
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.groups import Groups, group
-from coslobe.render.mask import ROUNDING, disk_tree, turns
+from coslobe.render.mask import ROUNDING, disk_tree
 from coslobe.render.materials import pack_materials
 from coslobe.render.methods.base import Shading
+from coslobe.render.points import PointBuffers
 from coslobe.render.scene import Mask, Paper, Scene
+from coslobe.render.visible import Visible
 from coslobe.tables import layout as tables_layout
 from coslobe.tables import lobe_cap, store, weights
 from coslobe.tables.quadtree import disk
@@ -49,6 +51,9 @@ LARGEST_MOMENT_H = 0.2
 WINDOW = 3.0
 FEWEST_CELLS = 16
 
+# Up to this (e + 4) h^5, polynomials stand for a lobe along a mask's rows: 6e-5 of the lit share at worst.
+SMOOTH_ROWS = 0.3
+
 # A penumbra's lobe is not worth the light's cells where it adds less than this part of what a white diffuse
 # surface would add under the same light: below, its shadow is left out.
 NEGLIGIBLE_LOBE = 1e-4
@@ -59,6 +64,11 @@ def kernel_units(estimator: str) -> list[tuple[str, str]]:
     folder = files("coslobe.render.kernels")
     names = (*UNITS, *ESTIMATORS[estimator], KERNEL)
     return [("layout", layout.declarations())] + [(name, (folder / name).read_text()) for name in names]
+
+
+def points_at_once(vector_width: int) -> int:
+    """Points per work-item: as many as vectors have lanes, but one on GPUs, whose lanes are work-items."""
+    return vector_width if vector_width > 4 else 1
 
 
 def kernel_defines(
@@ -81,7 +91,7 @@ def kernel_defines(
         "ROWS": rows,
         "MASK_DEPTH": mask.depth,
         "RW": row_width,
-        "PW": vector_width,
+        "PW": points_at_once(vector_width),
         "NR": rows // row_width,
         "FIRST": f"({first}f)",
         "LAST": f"({last}f)",
@@ -105,6 +115,7 @@ def kernel_defines(
         "LARGEST_MOMENT_H": LARGEST_MOMENT_H,
         "NEGLIGIBLE_LOBE": NEGLIGIBLE_LOBE,
         "WINDOW": WINDOW,
+        "SMOOTH_ROWS": SMOOTH_ROWS,
         "FEWEST_CELLS": float(FEWEST_CELLS),
         **tables_layout.defines(),
     }
@@ -119,7 +130,7 @@ class CosineLobes:
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
         self._paper_tables: dict[int, list[Any]] = {}
-        self._points: tuple[GBuffer, NDArray, Any, NDArray] | None = None
+        self._points = PointBuffers(device)
         self._kernels: dict[tuple[Any, ...], Any] = {}
 
     def prepare(self, scene: Scene) -> None:
@@ -129,10 +140,10 @@ class CosineLobes:
             self._lobe_tables()
 
     def shade(
-        self, scene: Scene, gbuffer: GBuffer, blockers: Blockers, layers: Sequence[str] = ()
+        self, scene: Scene, gbuffer: GBuffer | Visible, blockers: Blockers, layers: Sequence[str] = ()
     ) -> Shading:
         """Direct light at every point, from every light, through every blocker."""
-        n = len(gbuffer.position)
+        n = len(gbuffer)
         if n == 0 or not scene.lights:
             return _unlit(n, len(scene.lights), layers)
         device = self._device
@@ -153,7 +164,7 @@ class CosineLobes:
         kernel = self._kernel(scene.shading.estimator, defines)
         build_seconds = time.perf_counter() - start
 
-        points, origin = self._upload_points(gbuffer, packed.index)
+        points, origin, points_seconds = self._points.upload(gbuffer, packed.index)
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
@@ -168,8 +179,8 @@ class CosineLobes:
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            room // device.info.vector_width,
-            layout.WORK_GROUP // device.info.vector_width,
+            room // defines["PW"],
+            layout.WORK_GROUP // defines["PW"],
             points,
             np.int32(n),
             nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),
@@ -201,7 +212,7 @@ class CosineLobes:
             found["irradiance"] = device.download(arriving, (n, 3), np.float32)
         return Shading(
             result,
-            launch.seconds,
+            launch.seconds + points_seconds,
             build_seconds,
             _summary(counts, n, len(lights), blockers),
             {name: found[name] for name in layers},
@@ -215,25 +226,6 @@ class CosineLobes:
         if key not in self._kernels:
             self._kernels[key] = Kernel(self._device.build(kernel_units(estimator), defines), "shade")
         return self._kernels[key]
-
-    def _upload_points(self, gbuffer: GBuffer, material: NDArray) -> tuple[Any, NDArray]:
-        """The points relative to their middle, so that float32 serves scenes far from the origin.
-
-        It is the median: a few points near the horizon of a large plane must not move it away from the rest.
-        A G-buffer that did not change stays on the device. `material` is the index of each point's struct.
-        """
-        if self._points and self._points[0] is gbuffer and np.array_equal(self._points[1], material):
-            return self._points[2:]
-        every = -(-len(gbuffer.position) // 4096)  # a few thousand of them tell as much
-        origin = np.median(gbuffer.position[::every], axis=0)
-        index = np.minimum(np.arange(layout.padded(len(gbuffer.position))), len(gbuffer.position) - 1)
-        numbers = [(gbuffer.position - origin).T, gbuffer.geometric_normal.T, gbuffer.shading_normal.T]
-        packed = np.empty((len(layout.POINT_ROWS), len(index)), np.float32)
-        packed[:9] = np.concatenate(numbers)[:, index]
-        packed[9] = turns(gbuffer.pixel, gbuffer.width)[index]
-        packed[10:].view(np.int32)[:] = np.stack([material, gbuffer.object])[:, index]
-        self._points = (gbuffer, material, self._device.upload(packed), origin)
-        return self._points[2:]
 
     def _groups(self, scene: Scene, blockers: Blockers, origin: NDArray) -> Groups:
         """All blockers of the frame, the emitters too where there are several lights."""
@@ -266,7 +258,8 @@ class CosineLobes:
         if depth not in self._paper_tables:
             samples = tables_layout.samples(self._lobe_tables())
             own = samples["weights"][weights.MASK_DEPTHS.index(depth)]
-            arrays = (samples["product"], samples["cap"], own)
+            # Rows of products are read in eights.
+            arrays = (np.append(samples["product"], np.zeros(8, np.float32)), samples["cap"], own)
             self._paper_tables = {depth: [self._device.upload(array) for array in arrays]}
         return self._paper_tables[depth]
 

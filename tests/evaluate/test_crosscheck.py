@@ -76,7 +76,7 @@ def reference(frame: Scene, assets: Assets, samples: int) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("material", "fov_axis"),
-    [("lambert", "x"), ("phong", "x"), ("phong", "y"), ("phong_1975", "x"), ("lafortune", "x")],
+    [("lambert", "x"), ("phong", "x"), ("phong", "y"), ("phong_1975", "x")],
 )
 def test_the_mean_radiance_of_an_unoccluded_plane_is_the_same(material, fov_axis):
     """Within 0.3 %, per channel; the statistical error of either side is below 0.1 %."""
@@ -154,7 +154,7 @@ BUNNY = {
 
 @pytest.mark.parametrize(
     ("material", "bounces", "samples"),
-    [("lambert", 1, 128), ("phong", 1, 96), ("phong_1975", 1, 96), ("lafortune", 1, 64), ("lambert", 3, 192)],
+    [("lambert", 1, 128), ("phong", 1, 96), ("lafortune", 1, 64), ("lambert", 3, 192)],
 )
 def test_every_pixel_is_that_of_mitsuba(material, bounces, samples):
     """Meshes and a plane, by z-tests along the same rays; what differs in truth is one pixel at most.
@@ -175,7 +175,8 @@ def test_every_pixel_is_that_of_mitsuba(material, bounces, samples):
     assert acceptance(z_scores(mirrored, theirs)) < 0.9
 
 
-def test_every_pixel_of_a_textured_box_is_that_of_mitsuba(tmp_path):
+@pytest.mark.parametrize("kind", ["lafortune", "phong"])
+def test_every_pixel_beside_a_textured_ground_is_that_of_mitsuba(tmp_path, kind):
     """Scaled textures of colours and numbers, on a plane and beside a mesh with flat normals."""
     pytest.importorskip("mitsuba", reason="mitsuba is not installed")
     texels = np.random.default_rng(0).integers(0, 256, (8, 12, 3), dtype=np.uint8)
@@ -188,10 +189,12 @@ def test_every_pixel_of_a_textured_box_is_that_of_mitsuba(tmp_path):
     ground = {"plane": {"size": 6.0}, "material": "m"}
     box = {"mesh": str(tmp_path / "box.ply"), "material": "n", "normals": "flat"}
     box["transform"] = {"rotate_y": 30, "rotate_z": 4, "translate": [0, 0.6, 0]}
-    materials = {"m": {"lafortune": lafortune}, "n": MATERIALS["phong"]}
+    phong = {"kd": {**texture, "scale": 0.4}, "ks": 0.5, "exponent": {**texture, "scale": 20, "offset": 2}}
+    ground_of = {"lafortune": {"lafortune": lafortune}, "phong": {"phong": phong}}
+    materials = {"m": ground_of[kind], "n": MATERIALS["phong"]}
     frame = scene("", 20, 15, 1, {"ground": ground, "box": box}, materials=materials)
     assets = Assets(None)
-    theirs = estimate_with_mitsuba(frame, assets, 96)
+    theirs = estimate_with_mitsuba(frame, assets, 64)
     assert acceptance(z_scores(same_rays(frame, assets, 256), theirs)) >= 0.995
 
 

@@ -90,6 +90,35 @@ def test_phong_under_a_light_on_its_mirror_axis(bench):
     assert abs(bench.z_score(estimate, exact)) < Z_BOUND
 
 
+@pytest.mark.parametrize("exponent", [100.0, 3000.0])
+def test_sharp_lobes_under_a_light_on_their_axis(bench, exponent):
+    """As above, with a lobe so sharp that it has directions of its own."""
+    sine = 0.6
+    exact = 1 - np.sqrt(1 - sine**2) ** (exponent + 2)
+    estimate = bench.estimate(
+        bench.points(2000), bench.light((0, 5, 0), 5 * sine), bench.phong(0, 1, exponent), samples=16
+    )
+    assert abs(bench.z_score(estimate, exact)) < Z_BOUND
+
+
+@pytest.mark.parametrize("case", ["inside", "rim", "outside", "blocked"])
+def test_directions_of_lobes_change_the_noise_only(bench, monkeypatch, case):
+    """The light alone, and the light and the lobe together: the same mean, whatever the lobe meets."""
+    across = {"inside": 0.2, "rim": 0.75, "outside": 1.1, "blocked": 0.2}[case]
+    gbuffer = bench.points(3000, view=(-np.sin(across), np.cos(across), 0))
+    light = bench.light((0, 4, 0), 4 * np.sin(0.75))
+    blocker = bench.spheres(((0.45, 2, 0.1), 0.3)) if case == "blocked" else None
+    found = {}
+    for sharp in (0.0, 10.0):
+        monkeypatch.setattr("coslobe.evaluate.direct.SHARP", sharp)
+        found[sharp] = bench.estimate(gbuffer, light, bench.phong(0.2, 0.5, 300), blocker, samples=128)
+    alone, both = found[0.0], found[10.0]
+    error = np.sqrt(alone.variance[:, 0].sum() + both.variance[:, 0].sum()) / 3000
+    assert abs(both.radiance[:, 0].mean() - alone.radiance[:, 0].mean()) < Z_BOUND * error
+    if case == "inside":
+        assert both.variance[:, 0].mean() < 0.05 * alone.variance[:, 0].mean()
+
+
 def test_a_point_inside_a_foreign_sphere_loses_the_half_space_towards_its_centre(bench):
     # The light stands on the normal, the sphere's centre to the side: by symmetry half of the light is lost.
     blockers = bench.spheres(((0.3, 0, 0), 0.5))

@@ -14,6 +14,7 @@ def row(renderer, error, seconds, points=100, material="matt", device="cpu", **s
         "setting": setting,
         "device": device,
         "seconds": seconds,
+        "cpu_seconds": 2 * seconds if renderer == "coslobe" else seconds,
         "points": points,
         "relative_rmse_mesh": error,
     }
@@ -59,6 +60,7 @@ def test_speedups_are_per_point_and_per_material():
     (found,) = (r for r in with_speedups(rows) if r["renderer"] == "coslobe")
     # Halfway in log(error) is halfway in log(time): 4 s against 0.5 s.
     assert found["speedup"]["embree"]["speedup"] == pytest.approx(8.0)
+    assert found["speedup"]["embree"]["cpu_speedup"] == pytest.approx(4.0)
     assert not found["speedup"]["embree"]["extrapolated"]
     assert "mitsuba" not in found["speedup"]
 

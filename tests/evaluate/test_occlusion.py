@@ -8,7 +8,7 @@ from coslobe.evaluate.sampling import light_caps, square_to_cap, strata
 
 
 def blocked_by_definition(segments: Segments, spheres: Spheres) -> np.ndarray:
-    """Every sphere against every direction, by the rules of docs/evaluation.md, one after the other."""
+    """Every sphere against every direction, by the rules of docs/reference.md, one after the other."""
     l = np.stack(segments.directions, axis=-1)
     blocked = np.zeros(l.shape[:2], bool)
     for c, r, e, owner in zip(spheres.centers, spheres.radii, spheres.outside, spheres.owner, strict=True):

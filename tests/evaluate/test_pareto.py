@@ -58,20 +58,19 @@ def test_a_truth_is_made_once_and_by_content(ball_scene, monkeypatch):
     scene = at(ball_scene, "image.width=6", "image.height=5")
     assets = Assets(None)
     gbuffer = trace_gbuffer(scene, assets)
-    first = cached_truth(scene, gbuffer, assets, "mesh", 8)
-    monkeypatch.setattr("coslobe.evaluate.truth.direct_light", None)  # not called again
-    again = cached_truth(scene, gbuffer, assets, "mesh", 8)
+    first = cached_truth(scene, gbuffer, assets, "mesh", 0.05)
+    monkeypatch.setattr("coslobe.evaluate.truth.direct_sources", None)  # not called again
+    again = cached_truth(scene, gbuffer, assets, "mesh", 0.05)
     assert np.array_equal(first.radiance, again.radiance)
     assert np.array_equal(first.variance, again.variance)
     brighter = at(ball_scene, "image.width=6", "image.height=5", "lights.key.sphere.radiance=31")
     with pytest.raises(TypeError):
-        cached_truth(brighter, gbuffer, assets, "mesh", 8)
+        cached_truth(brighter, gbuffer, assets, "mesh", 0.05)
 
 
 def test_pareto_end_to_end(ball_scene, tmp_path, device, monkeypatch):
-    monkeypatch.setattr(pareto, "SAMPLES", 64)
+    monkeypatch.setattr(pareto, "ERROR", 0.01)
     monkeypatch.setattr(pareto, "DEPTHS", (3, 5))
-    monkeypatch.setattr("coslobe.evaluate.mitsuba_front.SAMPLES", (1, 4))
 
     def invented(scene, overrides, frame, progress, *, near_clip, name):
         assert near_clip is None

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 import trimesh
 
@@ -163,9 +164,13 @@ def test_a_mirror_shows_what_it_faces():
     np.testing.assert_allclose(found.radiance.mean(axis=0), 0.9 * ALBEDO, rtol=3e-3)
 
 
-def test_without_anything_to_meet_there_is_no_bounced_light():
+@pytest.mark.parametrize("kind", ["grey", "black", "textured"])
+def test_without_anything_to_meet_there_is_no_bounced_light(tmp_path, kind):
+    PIL.Image.fromarray(np.full((2, 2, 3), 200, np.uint8)).save(tmp_path / "grey.png")
+    albedo = {"grey": 0.5, "black": 0.0, "textured": {"texture": str(tmp_path / "grey.png")}}[kind]
     floor = {"floor": {"plane": {"size": 3}, "material": "m"}}
-    of = scene(floor, {"center": [0, 2, 0], "radius": 0.3, "radiance": 5}, target=(0.3, 0, 0.2))
+    lamp = {"center": [0, 2, 0], "radius": 0.3, "radiance": 5}
+    of = scene(floor, lamp, {"lambert": {"albedo": albedo}}, target=(0.3, 0, 0.2))
     found = estimate(of, bounces=5, samples=8, direct=False)
     np.testing.assert_array_equal(found.radiance, 0)
     np.testing.assert_array_equal(found.variance, 0)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from PIL import Image
 
 from coslobe.core.errors import CoslobeError, InvalidInput
-from coslobe.render.images import read_attributes, read_exr, srgb, write_exr, write_png
+from coslobe.render.images import _encode, linear, read_attributes, read_exr, srgb, write_exr, write_png
 
 RNG = np.random.default_rng(0)
 LAYERS = {
@@ -63,9 +65,47 @@ def test_views_of_any_layout_keep_their_pixels(tmp_path, view):
     np.testing.assert_array_equal(layers["depth"], pixels[..., 1])
 
 
-def test_equal_arguments_give_equal_bytes(tmp_path):
+@pytest.mark.parametrize("shape", [(5, 7), (1, 1), (64, 3), (131, 2)])  # more rows than are written at once
+def test_plain_files_hold_the_same_as_compressed_ones(tmp_path, shape):
+    import OpenEXR
+
+    values = RNG.normal(size=(*shape, 3))
+    headers = []
+    for compressed in (True, False):
+        path = tmp_path / f"{compressed}.exr"
+        layers = {"beauty": values, "normal": values, "depth": values[..., 0]}
+        write_exr(path, layers, {"frame": 3, "version": "1"}, compressed=compressed)
+        found, attributes = read_exr(path)
+        assert set(found) == set(layers)
+        for name in layers:
+            np.testing.assert_array_equal(found[name], layers[name].astype(np.float32))
+        assert attributes == {"frame": 3, "version": "1"}
+        with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
+            headers.append(dict(file.header()))
+    assert headers[1].pop("compression") == OpenEXR.NO_COMPRESSION
+    assert headers[0].pop("compression") == OpenEXR.ZIP_COMPRESSION
+    assert str(headers[1]) == str({name: headers[0][name] for name in headers[1]})
+    assert set(headers[0]) - set(headers[1]) <= {"type"}  # which only files of several parts need
+
+
+@given(st.lists(st.floats(width=32), min_size=3, max_size=3))
+def test_previews_are_rounded_as_the_curve_says(values):
+    pixel = np.array(values, np.float32)
+    finite = np.nan_to_num(pixel, nan=0.0)
+    np.testing.assert_array_equal(_encode(finite), np.rint(srgb(finite) * 255))
+
+
+def test_previews_step_where_the_curve_does():
+    """At the 255 places between two levels, and at their neighbours among float32 numbers."""
+    steps = linear((np.arange(1, 256) - 0.5) / 255).astype(np.float32)
+    for values in (steps, np.nextafter(steps, np.float32(0)), np.nextafter(steps, np.float32(9))):
+        np.testing.assert_array_equal(_encode(values), np.rint(srgb(values) * 255))
+
+
+@pytest.mark.parametrize("compressed", [True, False])
+def test_equal_arguments_give_equal_bytes(tmp_path, compressed):
     for name in ("a.exr", "b.exr"):
-        write_exr(tmp_path / name, LAYERS, {"frame": 0, "config_sha256": "ab"})
+        write_exr(tmp_path / name, LAYERS, {"frame": 0, "config_sha256": "ab"}, compressed=compressed)
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
 
 
@@ -86,7 +126,12 @@ PICTURE = RNG.random((64, 64, 3))
 
 
 @pytest.mark.parametrize(
-    "write", [lambda path: write_exr(path, {"beauty": PICTURE}, {}), lambda path: write_png(path, PICTURE)]
+    "write",
+    [
+        lambda path: write_exr(path, {"beauty": PICTURE}, {}),
+        lambda path: write_exr(path, {"beauty": PICTURE}, {}, compressed=False),
+        lambda path: write_png(path, PICTURE),
+    ],
 )
 def test_a_full_disk_is_one_clear_error_and_leaves_nothing(tmp_path, write):
     resource = pytest.importorskip("resource")

@@ -12,6 +12,8 @@ from coslobe.tables import lobe, lobe_cap, quadtree, store
 pytestmark = pytest.mark.filterwarnings("ignore:Kernel .* retrieved more than once")
 
 WRAPPERS = """
+/* Point l of the vector whose last one is that of the work-item. */
+#define BESIDE(l) max(i - (PW - 1) + (l), 0)
 __kernel void splat_many(__global const float *spheres, __global const float *h, __global uint *bits)
 {
     const int i = get_global_id(0);
@@ -70,8 +72,13 @@ __kernel void own_radius_many(__global const float *radius, __global const float
 __kernel void lambert_many(__global const float *cosine, __global const float *q, __global float *out)
 {
     const int i = get_global_id(0);
-    pf both = lambert_sphere((pf)(cosine[i]), (pf)(q[i]));
-    out[i] = LANE(both, PW - 1);
+    pf c, q2;
+    for (int l = 0; l < PW; l++) {
+        LANE(c, l) = cosine[BESIDE(l)];
+        LANE(q2, l) = q[BESIDE(l)];
+    }
+    pf all = lambert_sphere(c, q2);
+    out[i] = LANE(all, PW - 1);
 }
 __kernel void frame_many(__global const float *axis, __global const float *turn, __global float *out)
 {
@@ -85,10 +92,13 @@ __kernel void lobe_cap_many(__global const float4 *slices, __global const float 
                             __global float *out)
 {
     const int i = get_global_id(0);
-    __global const float *p = arguments + 11 * i;
-    const float depth = 2.0f * sin(0.5f * p[10]) * sin(0.5f * p[10]);
-    const pf3 r = {p[2], p[3], 0.0f}, n = {p[4], p[5], p[6]}, a = {p[7], p[8], p[9]};
-    pf all = lobe_over_cap(slices, (pi)((int)p[0]), (pf)(p[1]), r, n, a, (pf)(sin(p[10])), (pf)(depth), (pi)(1));
+    pf v[11];
+    for (int l = 0; l < PW; l++)
+        for (int k = 0; k < 11; k++)
+            LANE(v[k], l) = arguments[11 * BESIDE(l) + k];
+    const pf3 r = {v[2], v[3], (pf)(0.0f)}, n = {v[4], v[5], v[6]}, a = {v[7], v[8], v[9]};
+    const pf chord = sin(0.5f * v[10]);
+    pf all = lobe_over_cap(slices, TO_PI(v[0]), v[1], r, n, a, sin(v[10]), 2.0f * chord * chord, (pi)(1));
     out[i] = LANE(all, PW - 1);
 }
 """

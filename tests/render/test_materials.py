@@ -185,7 +185,7 @@ __kernel void bind_many(__global const float *lobes, const int n_lobes, __global
     table.count = n_lobes;
     const int i = get_global_id(0);
     __global const float *p = frames + 9 * i;
-    /* The last point of the vector has lobe i; the others have the same, its neighbours, or scattered ones. */
+    /* The vector's last point has lobe i, the others have the same, its neighbours, or scattered ones. */
     const pi apart = point_numbers() - (PW - 1);
     const pi number = i % 3 == 0 || i < PW ? (pi)(i) : i % 3 == 1 ? i + apart : i + apart % 2;
     const pf3 v = {p[0], p[1], p[2]}, n = {p[3], p[4], p[5]}, x = {p[6], p[7], p[8]};

@@ -24,12 +24,9 @@ __kernel void products_many(__global const float *table, __global const float *e
                             __global const float *q, __global float *out)
 {
     const int i = get_global_id(0);
-    pair_t pair;
-    pair.e1 = e1[i]; pair.e2 = e2[i];
-    find_samples(&pair, table);
     rf along1, along2, exponent;
     float lanes[4][RW];
-    RF_STORE(products(&pair, (rf)(q[i]), RW, &along1, &along2, &exponent), lanes[0]);
+    RF_STORE(products(table, e1[i], (rf)(e2[i]), (rf)(q[i]), RW, &along1, &along2, &exponent), lanes[0]);
     RF_STORE(along1, lanes[1]); RF_STORE(along2, lanes[2]); RF_STORE(exponent, lanes[3]);
     for (int k = 0; k < 4; k++) out[4 * i + k] = lanes[k][RW - 1] == lanes[k][0] ? lanes[k][0] : NAN;
 }

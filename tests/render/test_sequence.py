@@ -16,6 +16,7 @@ from PIL import Image
 from coslobe.core.errors import CoslobeError, UsageError
 from coslobe.core.files import TEMPORARY_PREFIX
 from coslobe.core.progress import Progress
+from coslobe.render import frames as frame_renderer
 from coslobe.render import sequence
 from coslobe.render.images import read_exr, srgb
 from coslobe.render.methods.base import Shading
@@ -70,7 +71,7 @@ class FakeDevice:
 @pytest.fixture
 def spy(monkeypatch: pytest.MonkeyPatch) -> Spy:
     spy = Spy()
-    monkeypatch.setattr(sequence, "create_method", spy.create)
+    monkeypatch.setattr(frame_renderer, "create_method", spy.create)
     monkeypatch.setattr(sequence, "find_ffmpeg", lambda: None)
     return spy
 
@@ -153,11 +154,11 @@ def test_frames_manifest_and_document(tiny_scene, tmp_path, spy):
         "resumed",
     }
     assert (frame["index"], frame["kernel_seconds"], frame["resumed"]) == (1, 0.25, False)
-    assert frame["points"] == len(spy.gbuffers[0].position)
+    assert frame["points"] == len(spy.gbuffers[0])
     assert frame["seconds"] >= frame["gbuffer_seconds"] > 0
 
     layers, attributes = read_exr(out / "frames" / "beauty.0001.exr")
-    gbuffer = spy.gbuffers[0]
+    gbuffer = spy.gbuffers[0].gbuffer
     expected = gbuffer.image(np.abs(gbuffer.shading_normal).astype(np.float32))
     np.testing.assert_array_equal(layers["beauty"], expected.astype(np.float32))
     assert set(layers) == {"beauty", "object", "normal", "position", "depth"}
@@ -394,8 +395,8 @@ class Interrupting(Progress):
         def task():
             def advance(amount=1.0, note=""):
                 assert note.endswith(" frames/s")
-                self.left -= 1
-                if self.left == 0:
+                self.left -= amount
+                if self.left <= 0:
                     raise KeyboardInterrupt
 
             yield advance
@@ -407,10 +408,11 @@ class Interrupting(Progress):
 def test_an_interrupted_run_is_completed_to_the_same_bytes(tiny_scene, tmp_path, spy, after):
     with pytest.raises(KeyboardInterrupt):
         render(tiny_scene, tmp_path / "a", progress=Interrupting(after))
-    assert len(list((tmp_path / "a" / "frames").glob("*.exr"))) == after
+    done = len(list((tmp_path / "a" / "frames").glob("*.exr")))
+    assert done >= after  # the frames behind may have become complete in the meantime
     manifest = json.loads((tmp_path / "a" / "manifest.json").read_text())
-    assert len(manifest["frames"]) == after
-    assert resumed(render(tiny_scene, tmp_path / "a")) == [True] * after + [False] * (4 - after)
+    assert [entry["index"] for entry in manifest["frames"]] == list(range(done))
+    assert resumed(render(tiny_scene, tmp_path / "a")) == [True] * done + [False] * (4 - done)
     render(tiny_scene, tmp_path / "b")
     assert contents(tmp_path / "a" / "frames") == contents(tmp_path / "b" / "frames")
 

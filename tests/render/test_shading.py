@@ -1,13 +1,16 @@
 """Whole shading of points against closed forms, invariants and the path-traced reference."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from coslobe.core.device import Device
 from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.occlusion import NONE, Occluders, Spheres, light_spheres
 from coslobe.evaluate.sampling import strata
-from coslobe.render import unshadowed
+from coslobe.render import layout, unshadowed
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
 from coslobe.render.methods.cosine_lobes import CosineLobes
@@ -416,6 +419,49 @@ def test_order_of_blockers_and_points_does_not_matter(method):
     order = rng.permutation(100)
     shuffled = Blockers(*(values[order] for values in vars(blocking).values()))
     np.testing.assert_array_equal(method.shade(scene([KEY]), at, shuffled).radiance, expected)
+
+
+def test_lights_whose_lists_do_not_fit_together_come_in_batches(device, monkeypatch):
+    """With room for one light's list, and for none: the same masks; sums of batches round differently."""
+    rng = np.random.default_rng(11)
+    lights = [([np.cos(k), 2.2, np.sin(k)], 0.2, 10.0) for k in range(5)]
+    at, blocking = points(plane_grid(), material=1), random_blockers(rng, 60)
+    asked = ("irradiance", "products", "mask_leaves")
+    expected = CosineLobes(device).shade(scene(lights), at, blocking, asked)
+    for room in (96, 2 * device.info.vector_width):
+        monkeypatch.setattr(layout, "NEAR_ROOM", room)
+        found = CosineLobes(device).shade(scene(lights), at, blocking, asked)
+        np.testing.assert_allclose(found.radiance, expected.radiance, rtol=1e-6)
+        for name in asked:
+            np.testing.assert_allclose(found.layers[name], expected.layers[name], rtol=1e-6)
+    assert found.skipped["fully_dark"] == expected.skipped["fully_dark"]
+
+
+def test_blockers_that_larger_ones_hide_change_nothing(method):
+    """Lists leave them out; a scene where most are hidden has the picture of the few that are not."""
+    rng = np.random.default_rng(12)
+    large = [[0.0, 0.7, 0.0, 0.4], [0.5, 0.9, 0.3, 0.3]]
+    inside = [[*(np.array(c) + rng.normal(size=3) * r * 0.2), r * 0.15] for *c, r in large for _ in range(40)]
+    at = points(plane_grid(16, size=0.4) + [-0.5, 0, 0.3])
+    few = method.shade(scene([KEY]), at, blockers(*large))
+    many = method.shade(scene([KEY]), at, blockers(*large, *inside))
+    np.testing.assert_array_equal(many.radiance, few.radiance)
+    assert 0 < few.skipped["penumbra"]
+    assert many.skipped["spheres_tested_per_pair"] < 10
+
+
+@pytest.mark.parametrize("estimator", ["accurate", "paper"])
+def test_devices_with_one_point_per_work_item_give_the_same_picture(device, estimator):
+    """Narrow vectors, as kernels use on GPUs: other sums in another order, so equal within float32's rounding."""
+    rng = np.random.default_rng(13)
+    narrow = Device(dataclasses.replace(device.info, vector_width=4))
+    lit = scene([KEY, ([-1.0, 2.0, 0.0], 0.2, 10.0)], estimator=estimator)
+    at, blocking = points(plane_grid(), material=1), random_blockers(rng)
+    expected = CosineLobes(device).shade(lit, at, blocking)
+    found = CosineLobes(narrow).shade(lit, at, blocking)
+    # A cell whose edge is within rounding of its centre may fall to either side: 1/812 of a light at most.
+    assert relative_rmse(found.radiance, expected.radiance) < 1e-4
+    np.testing.assert_allclose(found.radiance, expected.radiance, atol=3e-3 * expected.radiance.max())
 
 
 def test_nothing_to_shade_or_no_light(method):
