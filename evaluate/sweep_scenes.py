@@ -95,20 +95,24 @@ def _spheres(scene: Scene, value: int) -> Scene:
 
 
 def _lights(scene: Scene, value: int) -> Scene:
-    """The first light split into `value` alike, around the vertical axis through the camera's target."""
+    """The first light split into `value` alike, around the vertical axis through the camera's target.
+
+    Each has its share of the first one's cross-section and power.
+    """
     if value < 1 or not scene.lights:
         raise UsageError(f"--sweep lights: {value} lights cannot be made", "give --values of 1 and more")
     name, light = next(iter(scene.lights.items()))
     sphere = light.sphere
-    key = "radiance" if sphere.radiance is not None else "intensity"
-    emission = np.asarray(getattr(sphere, key), np.float64) / value
+    size: dict[str, Any] = {"radius": sphere.radius / np.sqrt(value)}
+    if sphere.intensity is not None:
+        size["intensity"] = tuple(part / value for part in sphere.intensity)
     target = np.asarray(scene.camera.look_at.target, np.float64)
     x, y, z = np.asarray(sphere.center, np.float64) - target
     lights = {}
     for k in range(value):
         turn = 2 * np.pi * k / value
         turned = (np.cos(turn) * x + np.sin(turn) * z, y, np.cos(turn) * z - np.sin(turn) * x)
-        moved = _checked(sphere, center=tuple(target + turned), **{key: tuple(emission)})
+        moved = _checked(sphere, center=tuple(target + turned), **size)
         lights[f"{name} {k + 1}"] = _with(light, sphere=moved)
     return _with(scene, lights=lights | dict(list(scene.lights.items())[1:]))
 
@@ -176,7 +180,7 @@ SWEEPS: dict[str, Sweep] = {
         Sweep("ti", "t_i", (0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 5e-2), "fig16", _threshold, whole=False),
         Sweep("depth", "mask depth", (2, 3, 4, 5), "fig17", _depth),
         Sweep("spheres", "spheres per object", (16, 32, 64, 128, 256), "fig17", _spheres),
-        Sweep("lights", "lights", (1, 2, 4, 8, 16), "fig17", _lights, moves_reference=True),
+        Sweep("lights", "lights", (1, 2, 4, 8, 12), "fig17", _lights, moves_reference=True),
         Sweep(
             "exponent",
             "exponent of the lobes",
