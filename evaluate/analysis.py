@@ -23,7 +23,10 @@ from coslobe.render.scene import Scene, SceneFile
 
 SEED = 1  # not that of the references
 
-FEWEST_SAMPLES = 32
+SAMPLES_SHARE = 8
+"""One in so many of the references' samples does for zones, and for each of the two differences."""
+
+FEWEST_SAMPLES = 16
 
 
 @dataclass(frozen=True)
@@ -56,13 +59,15 @@ def render_analyses(
     """Write `folder`/analysis.0000.exr for each of `frames`; what is there already is kept.
 
     `references` are the files of the references of each frame, whose settings hashes stand for the scene.
-    Half of the references' `samples` per pixel do: differences in the same directions have little noise.
+    `samples` per pixel are those of the references, of which a part does: differences in the same directions
+    have little noise.
     """
     remove_leftovers(folder)
     paths = []
     for index, files in zip(frames, references, strict=True):
         scene = scene_file.at(index)
-        grid = strata(-(-max(samples // 2, FEWEST_SAMPLES) // scene.image.samples))
+        enough = max(samples // SAMPLES_SHARE, FEWEST_SAMPLES)
+        grid = strata(-(-enough // scene.image.samples))
         hashes = [stored_attributes(path).get("config_sha256") for path in files]
         mask = scene.shading.mask.model_dump()
         code = cache.code_digest("core", "spheresets", "render", "evaluate")
@@ -87,14 +92,13 @@ def _render(
     gbuffer = trace_gbuffer(scene, assets)
     name = f"zones, frame {index}"
     share = irradiance_share(scene, gbuffer, assets, grid, (SEED, index), progress, name)
-    half = strata(grid.samples // 2)  # of which each of two differences gets its own
     exact = sphere_occluders(scene, assets)
     masked = MaskedOccluders(exact, gbuffer, scene.shading.mask)
     differences = []
     for seed in (1, 2):
         name = f"masks beside spheres, frame {index}, half {seed}"
         with_masks, with_spheres = (
-            direct_light(scene, gbuffer, occluders, half, (SEED, index, seed), progress, name).radiance
+            direct_light(scene, gbuffer, occluders, grid, (SEED, index, seed), progress, name).radiance
             for occluders in (masked, exact)
         )
         differences.append(gbuffer.image(with_masks - with_spheres))
