@@ -30,31 +30,49 @@ class Groups:
         return self.bounds.shape[1]
 
 
-def group(centers: NDArray, radii: NDArray, outside: NDArray, owner: NDArray, multiple: int) -> Groups:
-    """Sort spheres [n, 3] into groups of neighbours from one object; the number of groups is a `multiple`."""
-    leaves: list[NDArray] = []
+def clusters(centers: NDArray, owner: NDArray) -> NDArray[np.intp]:
+    """Spheres [n, 3] in clusters of up to GROUP neighbours of one object: indices [g, GROUP], -1 for none.
+
+    Objects that move as wholes keep good clusters, so that the frames of a sequence share them.
+    """
+    found: list[NDArray] = []
     whole = np.maximum(owner, NO_OWNER)  # emitters together: each is an owner of its own
     for one in np.unique(whole):
-        _split(centers, np.flatnonzero(whole == one), leaves)
-    n_groups = -(-len(leaves) // multiple) * multiple
-    spheres = np.zeros((5, n_groups * GROUP))
+        _split(centers, np.flatnonzero(whole == one), found)
+    members = np.full((len(found), GROUP), -1, np.intp)
+    for row, cluster in zip(members, found, strict=True):
+        row[: len(cluster)] = cluster
+    return members
+
+
+def group(
+    members: NDArray, centers: NDArray, radii: NDArray, outside: NDArray, owner: NDArray, multiple: int
+) -> Groups:
+    """Spheres as `clusters` has put them together; the number of groups is a `multiple`."""
+    n_groups = -(-len(members) // multiple) * multiple
+    spheres = np.zeros((5, n_groups, GROUP))
     spheres[3] = -1.0
-    owners = np.full(n_groups * GROUP, NO_OWNER, np.int32)
+    owners = np.full((n_groups, GROUP), NO_OWNER, np.int32)
     bounds = np.zeros((4, n_groups))
     bounds[3] = -1.0
-    for g, leaf in enumerate(leaves):
-        columns = slice(g * GROUP, g * GROUP + len(leaf))
-        spheres[:3, columns] = centers[leaf].T
-        spheres[3, columns] = radii[leaf]
-        spheres[4, columns] = outside[leaf]
-        owners[columns] = owner[leaf]
-        low = (centers[leaf] - radii[leaf, None]).min(axis=0)
-        high = (centers[leaf] + radii[leaf, None]).max(axis=0)
+    if len(members):
+        there = members >= 0
+        own = centers[members], np.where(there, radii[members], -1.0)
+        filled = slice(0, len(members))
+        spheres[:3, filled] = np.where(there, own[0].transpose(2, 0, 1), 0.0)
+        spheres[3, filled] = own[1]
+        spheres[4, filled] = np.where(there, outside[members], 0.0)
+        owners[filled] = np.where(there, owner[members], NO_OWNER)
+        nothing = np.where(there, 0.0, np.inf)[..., None]
+        low = (own[0] - own[1][..., None] + nothing).min(axis=1)
+        high = (own[0] + own[1][..., None] - nothing).max(axis=1)
         middle = (low + high) / 2
-        distance = np.linalg.norm(centers[leaf] - middle, axis=1) + radii[leaf]
-        bounds[:3, g] = middle
-        bounds[3, g] = distance.max() * (1 + 1e-5)  # rounding to float32 must not uncover a sphere
-    return Groups(spheres.astype(np.float32), owners, bounds.astype(np.float32))
+        distance = np.linalg.norm(own[0] - middle[:, None], axis=2) + own[1]
+        bounds[:3, filled] = middle.T
+        # Rounding to float32 must not uncover a sphere.
+        bounds[3, filled] = np.where(there, distance, 0.0).max(axis=1) * (1 + 1e-5)
+    flat = spheres.reshape(5, -1)
+    return Groups(flat.astype(np.float32), owners.reshape(-1), bounds.astype(np.float32))
 
 
 def _split(centers: NDArray, members: NDArray, leaves: list[NDArray]) -> None:

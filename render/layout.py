@@ -35,8 +35,8 @@ LOBE = np.dtype(
 )
 # A light of radius 0 has an intensity in the place of its radiance.
 LIGHT = np.dtype([("center", *_F3), ("radius", np.float32), ("radiance", *_F3)])
-# Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe products
-# computed, mask leaves integrated.
+# Lights by how points see them; spheres in the lists that were looked through, spheres splatted; lobe
+# products computed, mask leaves integrated.
 STATS = np.dtype(
     [
         (name, np.uint32)

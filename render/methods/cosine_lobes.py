@@ -13,7 +13,7 @@ from coslobe.core.progress import SILENT, Progress
 from coslobe.render import layout
 from coslobe.render.assets import Blockers
 from coslobe.render.gbuffer import GBuffer
-from coslobe.render.groups import Groups, group
+from coslobe.render.groups import Groups, clusters, group
 from coslobe.render.mask import ROUNDING, disk_tree
 from coslobe.render.materials import pack_materials
 from coslobe.render.methods.base import Shading
@@ -132,6 +132,7 @@ class CosineLobes:
         self._paper_tables: dict[int, list[Any]] = {}
         self._points = PointBuffers(device)
         self._kernels: dict[tuple[Any, ...], Any] = {}
+        self._clusters: tuple[NDArray, NDArray] | None = None
 
     def prepare(self, scene: Scene) -> None:
         """Load the lobe tables where the scene needs them, building them on first use."""
@@ -162,12 +163,14 @@ class CosineLobes:
             paper=scene.shading.paper,
         )
         kernel = self._kernel(scene.shading.estimator, defines)
+        self._points.build(gbuffer)
         build_seconds = time.perf_counter() - start
 
-        points, origin, points_seconds = self._points.upload(gbuffer, packed.index)
+        points, origin, before = self._points.upload(gbuffer, packed.index)
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
+        at_once = points_at_once(device.info.vector_width)
         room = layout.padded(n)
         n_groups = room // layout.WORK_GROUP
         radiance = device.allocate(room * 3 * 4)
@@ -179,8 +182,8 @@ class CosineLobes:
         spheres = [device.upload(row) for row in (*groups.spheres, groups.owner, *groups.bounds)]
         launch = device.launch(
             kernel,
-            room // defines["PW"],
-            layout.WORK_GROUP // defines["PW"],
+            room // at_once,
+            layout.WORK_GROUP // at_once,
             points,
             np.int32(n),
             nothing if gbuffer.tangent is None else device.upload(gbuffer.tangent.astype(np.float32)),
@@ -212,7 +215,7 @@ class CosineLobes:
             found["irradiance"] = device.download(arriving, (n, 3), np.float32)
         return Shading(
             result,
-            launch.seconds + points_seconds,
+            sum(one.seconds for one in (*before, launch)),
             build_seconds,
             _summary(counts, n, len(lights), blockers),
             {name: found[name] for name in layers},
@@ -238,7 +241,10 @@ class CosineLobes:
             radii = np.concatenate([radii, [sphere.radius for sphere in spheres]])
             outside = np.concatenate([outside, np.zeros(len(spheres))])
             owner = np.concatenate([owner, [layout.emitter_owner(j) for j in range(len(spheres))]])
-        return group(centers, radii, outside, owner, self._device.info.vector_width)
+        same = np.stack([owner, radii])  # where only positions differ, objects have moved as wholes
+        if self._clusters is None or not np.array_equal(self._clusters[0], same):
+            self._clusters = same, clusters(centers, owner)
+        return group(self._clusters[1], centers, radii, outside, owner, self._device.info.vector_width)
 
     def _slice_buffer(self, exponents: NDArray) -> Any:
         """The lobe-over-cap table at the scene's exponents, on the device."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from coslobe.render.groups import group
+from coslobe.render.groups import clusters, group
 from coslobe.render.layout import GROUP, emitter_owner
 
 
@@ -11,7 +11,7 @@ def test_groups_hold_every_sphere_once_and_bound_it():
     n = 100
     owner = rng.integers(0, 3, n)
     centers, radii = rng.normal(size=(n, 3)), rng.uniform(0.01, 0.3, n)
-    groups = group(centers, radii, np.zeros(n), owner, 8)
+    groups = group(clusters(centers, owner), centers, radii, np.zeros(n), owner, 8)
     assert groups.n_groups % 8 == 0
     used = groups.spheres[3] > 0
     np.testing.assert_array_equal(np.sort(groups.spheres[0, used]), np.sort(centers[:, 0].astype(np.float32)))
@@ -25,4 +25,23 @@ def test_emitters_share_groups():
     n = 1000
     owner = np.array([emitter_owner(j) for j in range(n)])
     centers = np.random.default_rng(0).normal(size=(n, 3))
-    assert group(centers, np.full(n, 0.1), np.zeros(n), owner, 1).n_groups == -(-n // GROUP)
+    assert len(clusters(centers, owner)) == -(-n // GROUP)
+
+
+def test_clusters_of_another_frame_bound_spheres_where_they_are_now():
+    rng = np.random.default_rng(1)
+    n = 50
+    owner, centers, radii = np.zeros(n, int), rng.normal(size=(n, 3)), rng.uniform(0.01, 0.3, n)
+    before = clusters(centers, owner)
+    step = np.array([5.0, -3.0, 2.0])
+    moved = group(before, centers + step, radii, np.zeros(n), owner, 4)
+    still = group(before, centers, radii, np.zeros(n), owner, 4)
+    real = still.bounds[3] > 0
+    went = (moved.bounds - still.bounds)[:3, real].T
+    np.testing.assert_allclose(went, np.tile(step, (real.sum(), 1)), atol=1e-5)
+    np.testing.assert_allclose(moved.bounds[3], still.bounds[3], rtol=1e-5)
+
+
+def test_no_sphere_no_group():
+    none = np.empty(0)
+    assert group(clusters(np.empty((0, 3)), none), np.empty((0, 3)), none, none, none, 8).n_groups == 0

@@ -442,17 +442,17 @@ def test_blockers_that_larger_ones_hide_change_nothing(method):
     rng = np.random.default_rng(12)
     large = [[0.0, 0.7, 0.0, 0.4], [0.5, 0.9, 0.3, 0.3]]
     inside = [[*(np.array(c) + rng.normal(size=3) * r * 0.2), r * 0.15] for *c, r in large for _ in range(40)]
-    at = points(plane_grid(16, size=0.4) + [-0.5, 0, 0.3])
+    at = points(plane_grid(16, size=0.4) + np.array([-0.5, 0.0, 0.3]))
     few = method.shade(scene([KEY]), at, blockers(*large))
     many = method.shade(scene([KEY]), at, blockers(*large, *inside))
     np.testing.assert_array_equal(many.radiance, few.radiance)
-    assert 0 < few.skipped["penumbra"]
+    assert few.skipped["penumbra"] > 0
     assert many.skipped["spheres_tested_per_pair"] < 10
 
 
 @pytest.mark.parametrize("estimator", ["accurate", "paper"])
 def test_devices_with_one_point_per_work_item_give_the_same_picture(device, estimator):
-    """Narrow vectors, as kernels use on GPUs: other sums in another order, so equal within float32's rounding."""
+    """Narrow vectors, as kernels use on GPUs: sums in another order, equal within float32's rounding."""
     rng = np.random.default_rng(13)
     narrow = Device(dataclasses.replace(device.info, vector_width=4))
     lit = scene([KEY, ([-1.0, 2.0, 0.0], 0.2, 10.0)], estimator=estimator)
