@@ -39,7 +39,9 @@ def sweep(
     from coslobe.render.plan import select_frames
     from coslobe.render.scene import load_scene
 
-    scene_file = load_scene(scene or configs.path(SWEEPS[name].scene), overrides)
+    shipped = SWEEPS[name]
+    path, settings = (configs.path(shipped.scene), shipped.settings) if scene is None else (scene, ())
+    scene_file = load_scene(path, [*settings, *overrides])
     chosen = sweep_frames(scene_file.frames) if frames is None else select_frames(frames, scene_file.frames)
     with progress() as listener:
         document = run_sweep(
@@ -62,14 +64,16 @@ def sweep(
 
 
 def _show(document: dict[str, Any]) -> None:
-    from coslobe.evaluate.verdicts import duration, percent
+    from coslobe.evaluate.verdicts import duration, own_error, percent
 
     for entry in document["summary"]:
-        spheres, mesh = (percent(entry[f"relative_rmse_{kind}"]) for kind in ("spheres", "mesh"))
+        spheres, mesh = (
+            own_error(entry[f"own_{kind}"], entry[f"noise_{kind}"]) for kind in ("spheres", "mesh")
+        )
         text = f"error {spheres} with the same spheres, {mesh} with the meshes"
         text += f", {duration(entry['kernel_seconds'])}"
         saved = entry["products_saved"]
-        if saved:
+        if saved and document["sweep"] == "ti":
             text += f", {percent(saved)} fewer products"
         say(f"{document['sweep']} {entry['value']:g}: {text}")
     if document["knee"] is not None:

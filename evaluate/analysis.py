@@ -13,17 +13,20 @@ from coslobe.core.progress import SILENT, Progress
 from coslobe.core.version import VERSION
 from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.masked import MaskedOccluders
-from coslobe.evaluate.occlusion import sphere_occluders
+from coslobe.evaluate.occlusion import may_block, sphere_occluders
 from coslobe.evaluate.sampling import Strata, strata
 from coslobe.evaluate.zones import irradiance_share
-from coslobe.render.assets import Assets
-from coslobe.render.gbuffer import trace_gbuffer
+from coslobe.render.assets import Assets, world_blockers
+from coslobe.render.gbuffer import GBuffer, trace_gbuffer
 from coslobe.render.images import read_exr, stored_attributes, write_exr
 from coslobe.render.scene import Scene, SceneFile
 
 SEED = 1  # not that of the references
 
-FEWEST_SAMPLES = 32
+SAMPLES_SHARE = 8
+"""One in so many of the references' samples does for zones, and for each of the two differences."""
+
+FEWEST_SAMPLES = 16
 
 
 @dataclass(frozen=True)
@@ -56,13 +59,15 @@ def render_analyses(
     """Write `folder`/analysis.0000.exr for each of `frames`; what is there already is kept.
 
     `references` are the files of the references of each frame, whose settings hashes stand for the scene.
-    Half of the references' `samples` per pixel do: differences in the same directions have little noise.
+    `samples` per pixel are those of the references, of which a part does: differences in the same directions
+    have little noise.
     """
     remove_leftovers(folder)
     paths = []
     for index, files in zip(frames, references, strict=True):
         scene = scene_file.at(index)
-        grid = strata(-(-max(samples // 2, FEWEST_SAMPLES) // scene.image.samples))
+        enough = max(samples // SAMPLES_SHARE, FEWEST_SAMPLES)
+        grid = strata(-(-enough // scene.image.samples))
         hashes = [stored_attributes(path).get("config_sha256") for path in files]
         mask = scene.shading.mask.model_dump()
         code = cache.code_digest("core", "spheresets", "render", "evaluate")
@@ -81,23 +86,46 @@ def read_analysis(path: Path) -> Analysis:
     return Analysis(layers["share"].astype(np.float64), np.stack(halves))
 
 
+def _reached_by_shadows(scene: Scene, gbuffer: GBuffer, assets: Assets) -> NDArray:
+    """Indices of the points at which anything may stand before a light: elsewhere masks are exact."""
+    lights = [light.sphere for light in scene.lights.values()]
+    if len(lights) > 1:  # which block one another
+        return np.arange(len(gbuffer.position))
+    blockers = world_blockers(scene, assets)
+    balls = []
+    for owner in np.unique(blockers.owner):
+        centers, radii = (part[blockers.owner == owner] for part in (blockers.centers, blockers.radii))
+        middle = (centers.min(axis=0) + centers.max(axis=0)) / 2
+        balls.append((middle, float((np.linalg.norm(centers - middle, axis=1) + radii).max())))
+    centers, radii = np.array([c for c, _ in balls]).reshape(-1, 3), np.array([r for _, r in balls])
+    reached = np.zeros(len(gbuffer.position), bool)
+    for light in lights:
+        reached |= may_block(gbuffer.position, centers, radii, np.array(light.center), light.radius).any(
+            axis=1
+        )
+    return np.flatnonzero(reached)
+
+
 def _render(
     scene: Scene, assets: Assets, grid: Strata, index: int, path: Path, settings: str, progress: Progress
 ) -> None:
     gbuffer = trace_gbuffer(scene, assets)
     name = f"zones, frame {index}"
     share = irradiance_share(scene, gbuffer, assets, grid, (SEED, index), progress, name)
-    half = strata(grid.samples // 2)  # of which each of two differences gets its own
     exact = sphere_occluders(scene, assets)
     masked = MaskedOccluders(exact, gbuffer, scene.shading.mask)
+    points = _reached_by_shadows(scene, gbuffer, assets)
+    some = gbuffer.some(points)
     differences = []
     for seed in (1, 2):
         name = f"masks beside spheres, frame {index}, half {seed}"
         with_masks, with_spheres = (
-            direct_light(scene, gbuffer, occluders, half, (SEED, index, seed), progress, name).radiance
+            direct_light(scene, some, occluders, grid, (SEED, index, seed), progress, name).radiance
             for occluders in (masked, exact)
         )
-        differences.append(gbuffer.image(with_masks - with_spheres))
+        difference = np.zeros_like(gbuffer.position)
+        difference[points] = with_masks - with_spheres
+        differences.append(gbuffer.image(difference))
     layers = {
         "share": gbuffer.image(share[:, None])[..., 0]
         / np.maximum(gbuffer.image(np.ones((len(share), 1)))[..., 0], np.finfo(float).tiny),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from coslobe.core.errors import CoslobeError
 
-MOST_EXPOSURES = 4
+MOST_EXPOSURES = 3
 
 # FLIP's tone curve is that of ACES by Narkowicz, (a x^2 + b x) / (c x^2 + d x + e) with exposure 0.6 in it.
 _ACES = (0.6 * 0.6 * 2.51, 0.6 * 0.03, 0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14)
@@ -28,7 +28,7 @@ def exposures(references: Sequence[NDArray]) -> tuple[float, float, int] | None:
     """Start, stop and number of the exposures for all pictures of a sequence; None where all is black.
 
     `references` are linear radiance [n, 3]. The rule is FLIP's own for one picture: the brightest luminance
-    at the start, and the median at the stop, get the tone 0.85; one exposure per stop, here at most 4.
+    at the start, and the median at the stop, get the tone 0.85; one exposure per stop, here at most 3.
     """
     luminance = np.concatenate([reference @ np.array(_LUMINANCE) for reference in references])
     brightest, median = (float(np.max(luminance)), float(np.median(luminance))) if luminance.size else (0, 0)

@@ -61,8 +61,8 @@ def write_plot(path: Path, document: Mapping[str, Any]) -> None:
         (
             errors,
             (
-                ("relative_rmse_spheres", "same spheres"),
-                ("relative_rmse_mesh", "true meshes"),
+                ("own_spheres", "same spheres"),
+                ("own_mesh", "true meshes"),
                 ("noise_spheres", "noise"),
             ),
         ),

@@ -31,6 +31,8 @@ class Sweep:
         The value changes what is true, not just how well it is met.
     whole : bool
         Values are whole numbers.
+    settings : tuple of str
+        What is set in the shipped scene, as by `--set`.
     """
 
     name: str
@@ -40,6 +42,11 @@ class Sweep:
     apply: Callable[[Scene, Any], Scene]
     moves_reference: bool = False
     whole: bool = True
+    settings: tuple[str, ...] = ()
+
+    def lights(self, value: Any) -> int:
+        """How many lights share the samples that one of them had."""
+        return value if self.name == "lights" else 1
 
 
 def parse_values(sweep: Sweep, text: str | None) -> list[float]:
@@ -88,20 +95,24 @@ def _spheres(scene: Scene, value: int) -> Scene:
 
 
 def _lights(scene: Scene, value: int) -> Scene:
-    """The first light split into `value` alike, around the vertical axis through the camera's target."""
+    """The first light split into `value` alike, around the vertical axis through the camera's target.
+
+    Each has its share of the first one's cross-section and power.
+    """
     if value < 1 or not scene.lights:
         raise UsageError(f"--sweep lights: {value} lights cannot be made", "give --values of 1 and more")
     name, light = next(iter(scene.lights.items()))
     sphere = light.sphere
-    key = "radiance" if sphere.radiance is not None else "intensity"
-    emission = np.asarray(getattr(sphere, key), np.float64) / value
+    size: dict[str, Any] = {"radius": sphere.radius / np.sqrt(value)}
+    if sphere.intensity is not None:
+        size["intensity"] = tuple(part / value for part in sphere.intensity)
     target = np.asarray(scene.camera.look_at.target, np.float64)
     x, y, z = np.asarray(sphere.center, np.float64) - target
     lights = {}
     for k in range(value):
         turn = 2 * np.pi * k / value
         turned = (np.cos(turn) * x + np.sin(turn) * z, y, np.cos(turn) * z - np.sin(turn) * x)
-        moved = _checked(sphere, center=tuple(target + turned), **{key: tuple(emission)})
+        moved = _checked(sphere, center=tuple(target + turned), **size)
         lights[f"{name} {k + 1}"] = _with(light, sphere=moved)
     return _with(scene, lights=lights | dict(list(scene.lights.items())[1:]))
 
@@ -169,7 +180,7 @@ SWEEPS: dict[str, Sweep] = {
         Sweep("ti", "t_i", (0, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 5e-2), "fig16", _threshold, whole=False),
         Sweep("depth", "mask depth", (2, 3, 4, 5), "fig17", _depth),
         Sweep("spheres", "spheres per object", (16, 32, 64, 128, 256), "fig17", _spheres),
-        Sweep("lights", "lights", (1, 2, 4, 8, 16), "fig17", _lights, moves_reference=True),
+        Sweep("lights", "lights", (1, 2, 4, 8, 12), "fig17", _lights, moves_reference=True),
         Sweep(
             "exponent",
             "exponent of the lobes",
@@ -178,6 +189,10 @@ SWEEPS: dict[str, Sweep] = {
             _exponent,
             moves_reference=True,
             whole=False,
+            settings=(  # Fig. 17 is seen from beneath, where no highlight shows
+                "camera.look_at={origin: [-0.8, 3.2, 1.2], target: [0, 0.2, 0.2]}",
+                "camera.fov=50",
+            ),
         ),
     )
 }

@@ -32,7 +32,7 @@ from coslobe.render.scene import Scene, SceneFile
 
 REPEATS = 7  # timed launches; the median counts
 
-MOST_FRAMES = 3
+MOST_FRAMES = 2
 
 MEASURES = (
     "relative_rmse_spheres",
@@ -48,7 +48,7 @@ COLUMNS: tuple[str, ...] = ("value", "seed", "frame", "points", *MEASURES)
 
 
 def sweep_frames(count: int) -> list[int]:
-    """The frames that a sweep looks at where none are named: three at most, evenly spread over `count`."""
+    """The frames that a sweep looks at where none are named: the first and the last of `count`."""
     n = min(count, MOST_FRAMES)
     return [round(i * (count - 1) / max(n - 1, 1)) for i in range(n)]
 
@@ -94,7 +94,7 @@ def run_sweep(
                 shots += bench.shots(chosen, frame, seed, advance)
     rows = [shot.row for shot in shots]
     summary = _summary(rows)
-    error = "relative_rmse_mesh" if name == "spheres" else "relative_rmse_spheres"
+    error = "own_mesh" if name == "spheres" else "own_spheres"
     bend = _knee(summary, error)
     shown = [shot for shot in shots if shot.row["seed"] == 0]
     document = {
@@ -160,7 +160,7 @@ class _Bench:
         self, sweep: Sweep, scene_file: SceneFile, samples: int, device: Device, progress: Progress
     ) -> None:
         self._sweep, self._scene_file, self._progress = sweep, scene_file, progress
-        self._grid = strata(samples)
+        self._samples = samples
         self._assets = Assets(device, progress)
         self._method: Method = create_method(scene_file.description.shading.method, device, progress)
 
@@ -195,7 +195,8 @@ class _Bench:
 
     def _reference(self, setting: _Setting, kind: str, frame: int, seed: int) -> Estimate:
         occluders = (mesh_occluders if kind == "mesh" else sphere_occluders)(setting.scene, self._assets)
-        return direct_light(setting.scene, setting.gbuffer, occluders, self._grid, (seed, frame))
+        grid = strata(max(self._samples // self._sweep.lights(setting.value), 2))
+        return direct_light(setting.scene, setting.gbuffer, occluders, grid, (seed, frame))
 
     def _shot(
         self,
@@ -247,7 +248,11 @@ def _plain(scene_file: SceneFile | None, device: Device, progress: Progress) -> 
 
 
 def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Per value the means of `MEASURES` over seeds and frames, the spread of errors, and products saved."""
+    """Per value the means of `MEASURES` over seeds and frames, and what follows from them.
+
+    range_... is the spread of the errors, own_... their root mean square without the references' noise, and
+    products_saved the share of the first value's products that are not made.
+    """
     summary = []
     for value in sorted({row["value"] for row in rows}):
         own = [row for row in rows if row["value"] == value]
@@ -256,8 +261,11 @@ def _summary(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
             known = [row[name] for row in own if row[name] is not None]
             entry[name] = statistics.fmean(known) if known else None
         for kind in ("spheres", "mesh"):
-            known = [row[f"relative_rmse_{kind}"] for row in own if row[f"relative_rmse_{kind}"] is not None]
-            entry[f"range_{kind}"] = [min(known), max(known)] if known else None
+            known = [row for row in own if row[f"relative_rmse_{kind}"] is not None]
+            errors = [row[f"relative_rmse_{kind}"] for row in known]
+            entry[f"range_{kind}"] = [min(errors), max(errors)] if known else None
+            squares = [row[f"relative_rmse_{kind}"] ** 2 - row[f"noise_{kind}"] ** 2 for row in known]
+            entry[f"own_{kind}"] = max(statistics.fmean(squares), 0.0) ** 0.5 if known else None
         first = summary[0]["products"] if summary else entry["products"]
         entry["products_saved"] = 1 - entry["products"] / first if first else None
         summary.append(entry)

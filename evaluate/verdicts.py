@@ -162,6 +162,11 @@ def _time_verdicts(frames: Sequence[dict[str, Any]]) -> list[Verdict]:
     return [Verdict("Time", "info", text)]
 
 
+def own_error(own: float | None, noise: float | None) -> str:
+    """An error without noise as text; 0 is what cannot be told from it."""
+    return f"below the noise ({percent(noise)})" if own == 0 else percent(own)
+
+
 def counted(n: int, what: str) -> str:
     """ "1 frame", "2 frames"."""
     return f"{n} {what}" if n == 1 else f"{n} {what}s"

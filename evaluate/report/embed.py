@@ -52,4 +52,4 @@ def radiance(pixels: NDArray) -> str:
     bits = np.ascontiguousarray(np.moveaxis(halves, -1, 0)).view(np.uint16).reshape(3, -1)
     steps = np.diff(bits, axis=1, prepend=np.uint16(0))
     planes = np.stack([steps >> 8, steps & 255], axis=1).astype(np.uint8)
-    return base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode()
+    return base64.b64encode(zlib.compress(planes.tobytes())).decode()

@@ -96,6 +96,11 @@ class Cell:
     value: float | None = None
     faint: bool = False
 
+    @property
+    def words(self) -> bool:
+        """Whether it is text rather than a number."""
+        return self.value is None and self.text != "–"
+
 
 @dataclass(frozen=True)
 class Table:

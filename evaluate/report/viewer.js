@@ -236,10 +236,12 @@ class Compare {
       this.readout.append(line);
     };
     add("pixel", `row ${row}, column ${column}`);
+    const name = this.cards[known[0]].dataset.label;
     const own = values[0].reduce((sum, part) => sum + part, 0);
     known.forEach((index, i) => {
       const other = values[i].reduce((sum, part) => sum + part, 0);
-      const off = i === 0 || other === 0 ? "" : ` (coslobe ${((own / other - 1) * 100).toFixed(2)} %)`;
+      const more = (own / other - 1) * 100;
+      const off = i === 0 || other === 0 ? "" : `\n${name} ${more < 0 ? "−" : "+"}${Math.abs(more).toFixed(2)} %`;
       add(this.cards[index].dataset.label, values[i].map((value) => value.toPrecision(4)).join("  ") + off);
     });
   }

@@ -135,8 +135,8 @@ def test_exposures_are_those_of_flip_itself():
     picture = radiance.reshape(64, 64, 3).astype(np.float32)
     chosen = nbflip.evaluate(picture, picture, True, False, False, True, {})[2]
     assert start == pytest.approx(chosen["startExposure"], abs=2e-3)
-    assert stop == pytest.approx(min(chosen["stopExposure"], start + 4), abs=2e-3)
-    assert count == min(chosen["numExposures"], 4)
+    assert stop == pytest.approx(min(chosen["stopExposure"], start + 3), abs=2e-3)
+    assert count == min(chosen["numExposures"], 3)
 
 
 def test_a_black_sequence_has_no_exposures():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coslobe.evaluate.analysis import Analysis
+from coslobe.evaluate.analysis import Analysis, _reached_by_shadows
 from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.lobe_sums import mask_at
 from coslobe.evaluate.masked import MaskedOccluders
@@ -151,3 +151,13 @@ def test_shares_of_squares():
         {"geometry": 0.36, "visibility": 0.0, "lobes": 0.64}
     )
     assert shares(dict.fromkeys(PARTS)) is None
+
+
+def test_masks_are_exact_where_no_shadow_reaches(scene, assets, gbuffer):
+    """Points that the analysis leaves out have the same light from masks as from spheres."""
+    rest = np.setdiff1d(np.arange(len(gbuffer.position)), _reached_by_shadows(scene, gbuffer, assets))
+    assert 0.3 < len(rest) / len(gbuffer.position) < 0.95
+    some, exact = gbuffer.some(rest), sphere_occluders(scene, assets)
+    masked = MaskedOccluders(exact, some, scene.shading.mask)
+    found, wanted = (direct_light(scene, some, by, strata(16), (0,)).radiance for by in (masked, exact))
+    assert (found == wanted).all()
