@@ -13,6 +13,7 @@ from coslobe.cli.options import FramesOption, OutOption, SetOption
 from coslobe.cli.reference import SamplesOption
 from coslobe.cli.sweep import Sweeps
 from coslobe.cli.sweep import sweep as run_sweep
+from coslobe.cli.table1 import measure_stages
 from coslobe.core.errors import UsageError
 
 
@@ -59,6 +60,9 @@ def evaluate(
     pareto: Annotated[
         bool, typer.Option("--pareto", help="Error against time, beside Embree and Mitsuba, on all devices.")
     ] = False,
+    table1: Annotated[
+        bool, typer.Option("--table1", help="Time of the shading kernel by stage, as in the paper's Table 1.")
+    ] = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -82,6 +86,9 @@ def evaluate(
             command=command_line(),
             json=json,
         )
+        return
+    if table1:
+        measure_stages(scene, out, device, command=command_line(), json=json)
         return
     if pareto:
         measure_pareto(scene, out, frames, set_, device, json)
