@@ -10,6 +10,7 @@ import typer
 from coslobe.cli.common import DeviceOption, JsonOption, command, print_json, progress, say
 from coslobe.cli.compare import compare as compare_runs
 from coslobe.cli.options import FramesOption, OutOption, SetOption
+from coslobe.cli.paper import rebuild as rebuild_paper
 from coslobe.cli.reference import SamplesOption
 from coslobe.cli.sweep import Sweeps
 from coslobe.cli.sweep import sweep as run_sweep
@@ -59,6 +60,9 @@ def evaluate(
     pareto: Annotated[
         bool, typer.Option("--pareto", help="Error against time, beside Embree and Mitsuba, on all devices.")
     ] = False,
+    paper: Annotated[
+        bool, typer.Option("--paper", help="Rebuild the figures of the 2009 paper beside its numbers.")
+    ] = False,
     device: DeviceOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -82,6 +86,9 @@ def evaluate(
             command=command_line(),
             json=json,
         )
+        return
+    if paper:
+        rebuild_paper(out, device, command_line(), json)
         return
     if pareto:
         measure_pareto(scene, out, frames, set_, device, json)
