@@ -77,7 +77,7 @@ def busiest_view(bench: Bench) -> tuple[MaskView, NDArray]:
     gbuffer = bench.points(scene)
     leaves = bench.picture(scene, gbuffer, ("mask_leaves",))[1]["mask_leaves"]
     ground = gbuffer.object == list(scene.objects).index("ground")
-    i = int(np.argmax(np.where(ground, leaves, -1)))
+    i = int(np.argmax(np.where(ground, leaves, 0)))
     return view_from(bench, scene, gbuffer, i), gbuffer.position[i]
 
 
