@@ -14,6 +14,7 @@ from coslobe.cli.paper import rebuild as rebuild_paper
 from coslobe.cli.reference import SamplesOption
 from coslobe.cli.sweep import Sweeps
 from coslobe.cli.sweep import sweep as run_sweep
+from coslobe.cli.table1 import measure_stages
 from coslobe.core.errors import UsageError
 
 
@@ -61,7 +62,13 @@ def evaluate(
         bool, typer.Option("--pareto", help="Error against time, beside Embree and Mitsuba, on all devices.")
     ] = False,
     paper: Annotated[
-        bool, typer.Option("--paper", help="Rebuild the figures of the 2009 paper beside its numbers.")
+        bool,
+        typer.Option(
+            "--paper", help="Rebuild the figures of the 2009 paper and its Table 1, beside its numbers."
+        ),
+    ] = False,
+    table1: Annotated[
+        bool, typer.Option("--table1", help="Time of the shading kernel by stage, as in the paper's Table 1.")
     ] = False,
     device: DeviceOption = None,
     json: JsonOption = False,
@@ -88,7 +95,10 @@ def evaluate(
         )
         return
     if paper:
-        rebuild_paper(out, device, command_line(), json)
+        rebuild_paper(scene, out, device, command=command_line(), json=json)
+        return
+    if table1:
+        measure_stages(scene, out, device, command=command_line(), json=json)
         return
     if pareto:
         measure_pareto(scene, out, frames, set_, device, json)

@@ -1,12 +1,17 @@
-"""`coslobe eval --paper`: the figures of the 2009 paper in one page."""
+"""`coslobe eval --paper`: the figures of the 2009 paper and its Table 1 in one page."""
 
 from pathlib import Path
 
 from coslobe.cli.common import print_json, progress, say
+from coslobe.core.errors import UsageError
 
 
-def rebuild(out: Path | None, wish: str | None, command: str, json: bool) -> None:
+def rebuild(scene: Path | None, out: Path | None, wish: str | None, *, command: str, json: bool) -> None:
     """Rebuild all figures and say where their page is."""
+    if scene is not None:
+        raise UsageError(
+            f"--paper rebuilds the figures from scenes that come along, not {scene}", "leave the scene out"
+        )
     from coslobe.core.device import open_device
     from coslobe.evaluate.paper_page import rebuild_paper
     from coslobe.evaluate.verdicts import duration
@@ -19,5 +24,5 @@ def rebuild(out: Path | None, wish: str | None, command: str, json: bool) -> Non
         print_json(document)
         return
     for figure in document["figures"]:
-        say(f"Fig. {figure['figure']:>2}: {figure['title']}, {duration(figure['seconds'])}")
+        say(f"{figure['figure']}: {figure['title']}, {duration(figure['seconds'])}")
     say(f"report: {document['report']}")

@@ -16,6 +16,7 @@ from coslobe.evaluate.paper_figures.bench import Bench
 from coslobe.evaluate.paper_figures.figure import PaperFigure
 from coslobe.evaluate.provenance import provenance
 from coslobe.evaluate.report.paper import write_paper_report
+from coslobe.evaluate.table1 import measure_table1
 
 FIGURES: tuple[PaperFigure, ...] = tuple(
     sorted(
@@ -33,7 +34,7 @@ def rebuild_paper(
     progress: Progress = SILENT,
     chosen: Sequence[PaperFigure] = FIGURES,
 ) -> dict[str, Any]:
-    """Rebuild the `chosen` figures; write results.json, results.csv, report.html and figures/*.png.
+    """Rebuild the `chosen` figures and Table 1; write results.json, results.csv, report.html and figures/*.png.
 
     Returns
     -------
@@ -51,12 +52,16 @@ def rebuild_paper(
         for figure in chosen:
             figures.append(_rebuilt(figure, bench, out_dir))
             advance(note=f"Fig. {figure.number}")
+    start = time.perf_counter()
+    table1 = measure_table1(device, progress)
+    figures.append(_table_entry(table1, time.perf_counter() - start))
     document = {
         "format": "coslobe-paper/1",
         "command": command,
         **provenance(),
         "device": device.describe(),
         "figures": figures,
+        "table1": table1,
     }
     results = out_dir / "results.json"
     write_json(results, document)
@@ -75,7 +80,7 @@ def _rebuilt(figure: PaperFigure, bench: Bench, out_dir: Path) -> dict[str, Any]
         raise CoslobeError(f"Fig. {figure.number}, {figure.title}: {error}", error.hint) from error
     quantities = rebuilt.quantities
     return {
-        "figure": str(figure.number),
+        "figure": f"Fig. {figure.number}",
         "title": figure.title,
         "ours": {quantity.name: quantity.ours for quantity in quantities},
         "paper": {q.name: q.paper for q in quantities if q.paper is not None},
@@ -86,6 +91,22 @@ def _rebuilt(figure: PaperFigure, bench: Bench, out_dir: Path) -> dict[str, Any]
         "pictures": [
             {"label": label, "file": str(path.relative_to(out_dir))} for label, path in rebuilt.pictures
         ],
+    }
+
+
+def _table_entry(table: dict[str, Any], seconds: float) -> dict[str, Any]:
+    """Table 1 as the figures are: shares of the time by estimator, scene and stage."""
+    ours: dict[str, float | None] = {}
+    paper: dict[str, float] = {}
+    for row in table["rows"]:
+        name = f"stage ({row['stage']}) of Fig. {row['scene']}, estimator {row['estimator']}"
+        ours[name], paper[name] = row["percent"] / 100, row["paper_percent"] / 100
+    return {
+        "figure": "Table 1",
+        "title": "Time of the shading loop by stage",
+        "ours": ours,
+        "paper": paper,
+        "seconds": seconds,
     }
 
 

@@ -57,11 +57,11 @@ def _figure_9(bench: Bench, folder: Path) -> Rebuilt:
     panels = plot.subplots(1, DEPTH + 2)
     for depth in range(DEPTH + 1):
         _square(panels[depth], f"{SPHERES} spheres, depth {depth}", 1.05)
-        _quadtree(panels[depth], few, depth)
+        _quadtree(panels[depth], few, depth, last=depth == DEPTH)
         for index in chosen:
             _outline(panels[depth], view, index, 1.05, "k")
     _square(panels[-1], "all spheres, depth 5", 1.05)
-    _quadtree(panels[-1], view.blocked, len(view.leaves) - 1)
+    _quadtree(panels[-1], view.blocked, len(view.leaves) - 1, last=True)
     counts = [int(level.sum()) for level in view.leaves]
     text = (
         "Red blocks are subdivided, green ones are shadow leaves, yellow ones cast no shadow. Here no "
@@ -180,17 +180,19 @@ def _outline(axes: Any, view: MaskView, index: int, scale: float, colour: str) -
         axes.contour(x, x, covered.astype(float), levels=[0.5], colors=[colour], linewidths=0.8)
 
 
-def _quadtree(axes: Any, blocked: NDArray, deepest: int) -> None:
-    """Blocks down to a depth: shadow leaves, subdivided ones, and those without shadow."""
+def _quadtree(axes: Any, blocked: NDArray, depth: int, *, last: bool) -> None:
+    """The leaves of the tree when it is `depth` deep; if not the `last`, those touched are to be subdivided."""
     above = np.zeros((1, 1), bool)  # blocks that a larger one holds already
     levels = zip(shadow_leaves(blocked), blocks_of_disk(len(blocked)), strict=True)
-    for depth, (leaves, inside) in enumerate(list(levels)[: deepest + 1]):
+    for level, (leaves, inside) in enumerate(list(levels)[: depth + 1]):
         side = len(blocked) // len(leaves)
-        touched = blocked.reshape(len(leaves), side, len(leaves), side).any(axis=(1, 3)) & inside
-        split = touched & ~leaves & ~above if depth < deepest else np.zeros_like(leaves)
+        touched = blocked.reshape(len(leaves), side, len(leaves), side).any(axis=(1, 3))
+        split = touched & inside & ~leaves & ~above
+        if level == depth:
+            _blocks(axes, split, FREE if last else SPLIT)
         free = inside & ~above & ~leaves & ~split
-        for chosen, colour in ((leaves, SHADOW), (split, SPLIT), (free, FREE)):
-            _blocks(axes, chosen, colour)
+        _blocks(axes, leaves, SHADOW)
+        _blocks(axes, free, FREE)
         above = (above | leaves | free | ~inside).repeat(2, 0).repeat(2, 1)
 
 

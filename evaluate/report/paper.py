@@ -2,29 +2,35 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from coslobe.core.files import write_text
 from coslobe.evaluate.report import embed
 from coslobe.evaluate.report.page import Cell, Figure, Page, Section, Table, html
+from coslobe.evaluate.report.table1 import table1_table
 from coslobe.evaluate.verdicts import duration, percent
 
 
 def write_paper_report(results: Path) -> Path:
     """Write report.html beside a results.json of `coslobe eval --paper`."""
     document = json.loads(results.read_text())
-    figures = document["figures"]
-    seconds = sum(figure["seconds"] for figure in figures)
+    *figures, table = document["figures"]
+    seconds = sum(figure["seconds"] for figure in document["figures"])
     page = Page(
         title="Cosine lobes, the figures of 2009 rebuilt",
         kind="the paper, rebuilt",
         lead="Meunier, Meneveaux, Aveneau and Ghazanfarpour, Cosine Lobes for Interactive Direct "
-        f"Lighting in Dynamic Scenes (2009, hal-00401728): {len(figures)} figures beside the "
+        f"Lighting in Dynamic Scenes (2009, hal-00401728): {len(figures)} figures and Table 1 beside the "
         f"published numbers, made in {duration(seconds)} on {document['device']['name'].strip()}. "
         "Pictures of the paper are not shown; cameras, lights and materials that its text does not "
         "give are ours.",
-        sections=[_overview(figures), *(_figure(results.parent, figure) for figure in figures)],
+        sections=[
+            _overview(figures),
+            *(_figure(results.parent, figure) for figure in figures),
+            replace(table1_table(document["table1"]), title=f"{table['figure']}: {table['title']}"),
+        ],
         command=document["command"],
         facts=_facts(document),
     )
@@ -34,12 +40,8 @@ def write_paper_report(results: Path) -> Path:
 
 
 def _overview(figures: list[Mapping[str, Any]]) -> Section:
-    """All numbers that the paper states, with ours."""
-    rows = [
-        [f"Fig. {figure['figure']}", name, *_cells(figure, name)]
-        for figure in figures
-        for name in figure["paper"]
-    ]
+    """All numbers that the paper states in its figures, with ours."""
+    rows = [[figure["figure"], name, *_cells(figure, name)] for figure in figures for name in figure["paper"]]
     return Table(
         "The published numbers and ours",
         ["figure", "quantity", "paper", "here"],
@@ -51,7 +53,7 @@ def _overview(figures: list[Mapping[str, Any]]) -> Section:
 
 def _figure(folder: Path, figure: Mapping[str, Any]) -> Figure:
     return Figure(
-        title=f"Fig. {figure['figure']}: {figure['title']}",
+        title=f"{figure['figure']}: {figure['title']}",
         pictures=[embed.png(folder / picture["file"], picture["label"]) for picture in figure["pictures"]],
         paper=figure["paper_text"],
         ours=figure["text"],

@@ -37,6 +37,9 @@ inline int shadow(float *terms, const receiver_t *receiver, const brdf_t *brdf, 
         framed = 1;
     }
     const int state = visibility(blockers, receiver, cap, light, &t, &u, framed, mask, &work->splats);
+    KEEP(work->products, state == PARTIAL ? columns_with_bits(mask) : 0);
+    if (ENDS_BEFORE(UP_TO_LEAVES))
+        return state;
 #if LEAVES
     uint tree[TREE_ROWS];
     work->leaves += state == PARTIAL ? shadow_leaves(mask, disk, tree) : state == DARK;
@@ -51,6 +54,9 @@ inline int shadow(float *terms, const receiver_t *receiver, const brdf_t *brdf, 
         return DARK;
     if (moments.x == DISK_CELLS && !cut)
         return LIT;
+    KEEP(work->products, as_uint(moments.y + moments.z));
+    if (ENDS_BEFORE(UP_TO_INTEGRATION))
+        return PARTIAL;
     const float3 nl = (float3)(dot(n, t), dot(n, u), over_shading);
     terms[0] *= diffuse_share(lit, moments, disk, h, nl, cut);
     for (int l = 0; l < brdf->n_lobes; l++) {

@@ -153,12 +153,21 @@ inline uint take(term_t *term, const leaves_t *leaves, const __local tables_t *t
     return n_products;
 }
 
+#if STAGE != FUSED
+/* Bits of all that is in leaves; see stages.cl. */
+inline uint leaves_bits(const leaves_t *leaves)
+{
+    return row_or(AS_RU(RI_LOAD(leaves->column) + RI_LOAD(leaves->row)) + AS_RU(leaves->exponent + leaves->weight));
+}
+#endif
+
 /* Takes leaves from all terms; returns how many products that needed. */
 inline uint take_all(term_t *terms, int n_terms, const leaves_t *leaves, const __local tables_t *tables, const cap_t *cap,
                      float h, float3 n, float3 t, float3 u, float threshold)
 {
     const float3 nl = in_frame(n, t, u, cap->a);
     uint n_products = 0;
+    KEEP(n_products, leaves_bits(leaves));
     for (int k = 0; k < n_terms; k++)
         if (!terms[k].sharp)
             n_products += take(&terms[k], leaves, tables, h, in_frame(terms[k].axis, t, u, cap->a), nl, threshold);
@@ -251,6 +260,9 @@ inline int shadow(float *integrals, const receiver_t *receiver, const brdf_t *br
         framed = 1;
     }
     const int state = visibility(blockers, receiver, cap, light, &t, &u, framed, mask, &work->splats);
+    KEEP(work->products, state == PARTIAL ? columns_with_bits(mask) : 0);
+    if (ENDS_BEFORE(UP_TO_LEAVES))
+        return state;
     uint tree[2 * ROWS];
     tree[TREE_ROWS] = 0;
     const int leaves = state == PARTIAL ? shadow_leaves(mask, disk, tree) : state == DARK;
@@ -259,6 +271,14 @@ inline int shadow(float *integrals, const receiver_t *receiver, const brdf_t *br
         return DARK;
     if (leaves == 0 && !cut && !UNIT_LIGHTS)
         return LIT;
+
+#if ENDS_BEFORE(UP_TO_INTEGRATION)
+    work->products += leaves ? take_leaves(0, 0, tree, cap, tables, h, n, t, u, threshold) : 0;
+    float amplitude;
+    if (!ENDS_BEFORE(UP_TO_LIGHT_LOBES))
+        KEEP(work->products, as_uint(cap_lobe(tables->caps, cap->depth, &amplitude)));
+    return leaves ? PARTIAL : LIT;
+#endif
 
     term_t terms[1 + MAX_LOBES];
     const int n_terms = light_terms(terms, integrals, brdf, cap, tables, n, cut, threshold);

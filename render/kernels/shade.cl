@@ -134,7 +134,12 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
     if (!point_bits(above))
         return;
     pf terms[1 + MAX_LOBES];
+#if ENDS_BEFORE(UP_TO_INTEGRATION)
+    for (int k = 0; k <= MAX_LOBES; k++)
+        terms[k] = 0.0f;
+#else
     whole_terms(terms, frame, receivers, brdfs, caps, over_shading);
+#endif
     const float least = frame->threshold > 0.0f ? frame->threshold : -INFINITY;
     const pf useful = select((pf)(1.0f), (pf)(0.0f), largest_of(brdfs->kd) * terms[0] < least);
     pi state = LIT, to_do = above;
@@ -163,6 +168,8 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
     count->partial += ones(above & (state == PARTIAL));
     count->dark += ones(above & (state == DARK));
     count->products += ones(shaded) * (1 + brdfs->n_lobes);
+    if (ENDS_BEFORE(UP_TO_INTEGRATION))
+        return;
     pf3 part = scaled(brdfs->kd, useful * terms[0]);
     for (int k = 0; k < brdfs->n_lobes; k++)
         part = plus(part, terms[1 + k], brdfs->lobes[k].colour);
@@ -172,6 +179,34 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
     sum->z += select((pf)(0.0f), colour.z * part.z, shaded);
     *arriving = plus(*arriving, select((pf)(0.0f), terms[0], shaded), vectors(colour.x, colour.y, colour.z));
 }
+
+#if STAGE != FUSED
+/* Bits of all that is in vectors, points, reflectances and caps; see stages.cl. */
+inline pi bits_of(pf3 v)
+{
+    return AS_PI(v.x + v.y + v.z);
+}
+
+inline pi receivers_bits(const receivers_t *r)
+{
+    return bits_of(r->position) + bits_of(r->geometric) + bits_of(r->shading) + AS_PI(r->turn) + r->object + r->material;
+}
+
+inline pi brdfs_bits(const brdfs_t *brdfs)
+{
+    pi bits = bits_of(brdfs->kd);
+    for (int k = 0; k < brdfs->n_lobes; k++) {
+        const bound_lobes_t *lobe = &brdfs->lobes[k];
+        bits += bits_of(lobe->axis) + bits_of(lobe->colour) + AS_PI(lobe->exponent) + lobe->slice + lobe->cosine;
+    }
+    return bits;
+}
+
+inline pi caps_bits(const caps_t *c)
+{
+    return bits_of(c->a) + AS_PI(c->sine + c->cosine + c->depth + c->d + c->tangent + c->tau + c->near);
+}
+#endif
 
 /* Shades PW points from the first on by lights from `begin` to before `end`, in addition to those before; returns what that
    took. */
@@ -187,23 +222,35 @@ stats_t shade_points(const __local frame_t *frame, int first, int begin, int end
 #endif
     pf3 view = plus(vectors(frame->eye.x, frame->eye.y, frame->eye.z), -1.0f, receivers.position);
     view = scaled(view, rsqrt(dots(view, view)));
+#if ENDS_BEFORE(UP_TO_REFLECTANCE)
+    const brdfs_t brdfs = {{0.0f, 0.0f, 0.0f}, 0};
+#else
     const brdfs_t brdfs = bind_brdfs(&frame->materials, &frame->lobes, receivers.material, view, receivers.shading, tangent);
+#endif
     pi within = 0; /* points that there are */
     for (int l = 0; l < n; l++)
         INT_LANE(within, l) = PW == 1 ? 1 : -1;
     counts_t count = {0};
+    KEEP(count.lit, receivers_bits(&receivers) + bits_of(view));
+    KEEP(count.lit, brdfs_bits(&brdfs));
     for (int j = begin; j < end; j++) {
-        if (frame->blockers.list[2 * j + 1] == BELOW) {
+        if (ENDS_BEFORE(UP_TO_CAPS))
+            break;
+        if (!ENDS_BEFORE(UP_TO_MASK) && frame->blockers.list[2 * j + 1] == BELOW) {
             count.below += ones(within);
             continue;
         }
         const light_t light = frame->lights[j];
         const caps_t caps = caps_of(plus(vectors(light.center[0], light.center[1], light.center[2]), -1.0f, receivers.position),
                                     light.radius);
+        KEEP(count.lit, caps_bits(&caps));
+        if (ENDS_BEFORE(UP_TO_MASK))
+            continue;
         pi special = within;
         if (light.radius > 0.0f)
             special &= (caps.near <= 0.0f) | (caps.tau < COS2_WIDE * caps.d * caps.d);
-        add_special(frame, j, special, &receivers, &brdfs, &caps, &sum, &arriving, &count);
+        if (!ENDS_BEFORE(UP_TO_INTEGRATION))
+            add_special(frame, j, special, &receivers, &brdfs, &caps, &sum, &arriving, &count);
         add_light(frame, j, within & (special == 0), &receivers, &brdfs, &caps, &sum, &arriving, &count);
     }
     store_points(sum, begin > 0, frame->radiance + 3 * first);
@@ -281,7 +328,8 @@ void shade(__global const float *points, const int n_points, __global const floa
     int begin = 0;
     do { /* all lights at once, where there is room for their lists */
         if (lane == 0)
-            end = list_near(&frame.blockers, points + first, frame.stride, lights, begin, n_lights, near, list);
+            end = ENDS_BEFORE(UP_TO_MASK) ? n_lights
+                : list_near(&frame.blockers, points + first, frame.stride, lights, begin, n_lights, near, list);
         barrier(CLK_LOCAL_MEM_FENCE);
         if (own < n_points)
             counts[lane] = shade_points(&frame, own, begin, end);

@@ -26,7 +26,16 @@ from coslobe.tables.quadtree import disk
 
 # The program, in order of dependence; the estimator's units go before the last.
 UNITS = (
-    *("vector.cl", "points.cl", "elementary.cl", "lobe.cl", "lobe_cap.cl", "mask.cl", "leaves.cl"),
+    *(
+        "stages.cl",
+        "vector.cl",
+        "points.cl",
+        "elementary.cl",
+        "lobe.cl",
+        "lobe_cap.cl",
+        "mask.cl",
+        "leaves.cl",
+    ),
     *("blockers.cl", "lists.cl", "lights.cl", "materials.cl", "wide.cl"),
 )
 ESTIMATORS = {
@@ -81,8 +90,9 @@ def kernel_defines(
     leaves: bool = False,
     work: bool = False,
     paper: Paper = Paper(),
+    stage: str = "FUSED",
 ) -> dict[str, int | float | str]:
-    """Compile-time constants of one program variant."""
+    """Compile-time constants of one program variant; `stage` as in stages.cl."""
     rows = 2**mask.depth
     row_width = min(vector_width, rows)
     first, last = ROUNDING[mask.mode]
@@ -101,6 +111,7 @@ def kernel_defines(
         "IRRADIANCE": int(irradiance),
         "LEAVES": int(leaves),
         "WORK": int(work),
+        "STAGE": stage,
         "UNIT_LIGHTS": int(paper.light_lobes == "unit"),
         "L2_PRODUCTS": int(paper.products == "l2"),
         "CAPS": lobe_cap.CAPS,
@@ -122,11 +133,15 @@ def kernel_defines(
 
 
 class CosineLobes:
-    """Shades G-buffers on one device; see `render.methods.base.Method`."""
+    """Shades G-buffers on one device; see `render.methods.base.Method`.
 
-    def __init__(self, device: Device, progress: Progress = SILENT) -> None:
+    A `stage` other than "FUSED" ends the work after a part of it, to be measured; see kernels/stages.cl.
+    """
+
+    def __init__(self, device: Device, progress: Progress = SILENT, stage: str = "FUSED") -> None:
         self._device = device
         self._progress = progress
+        self._stage = stage
         self._tables: store.LobeTables | None = None
         self._slices: dict[tuple[float, ...], Any] = {}
         self._paper_tables: dict[int, list[Any]] = {}
@@ -161,6 +176,7 @@ class CosineLobes:
             leaves="mask_leaves" in layers,
             work=work_asked,
             paper=scene.shading.paper,
+            stage=self._stage,
         )
         kernel = self._kernel(scene.shading.estimator, defines)
         build_seconds = time.perf_counter() - start
