@@ -34,7 +34,7 @@ def rebuild_paper(
     progress: Progress = SILENT,
     chosen: Sequence[PaperFigure] = FIGURES,
 ) -> dict[str, Any]:
-    """Rebuild the `chosen` figures and Table 1; write results.json, results.csv, report.html and figures/*.png.
+    """Rebuild the `chosen` figures and Table 1; write results.json, .csv, report.html and figures/*.png.
 
     Returns
     -------

@@ -181,7 +181,7 @@ def _outline(axes: Any, view: MaskView, index: int, scale: float, colour: str) -
 
 
 def _quadtree(axes: Any, blocked: NDArray, depth: int, *, last: bool) -> None:
-    """The leaves of the tree when it is `depth` deep; if not the `last`, those touched are to be subdivided."""
+    """The leaves of a tree `depth` deep; unless it is the `last`, touched ones are subdivided next."""
     above = np.zeros((1, 1), bool)  # blocks that a larger one holds already
     levels = zip(shadow_leaves(blocked), blocks_of_disk(len(blocked)), strict=True)
     for level, (leaves, inside) in enumerate(list(levels)[: depth + 1]):
