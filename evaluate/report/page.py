@@ -145,7 +145,7 @@ class Figure:
     pictures: Sequence[Picture]
     paper: str
     ours: str
-    rows: Sequence[tuple[str, str, str]]
+    rows: Sequence[tuple[str, Cell, Cell]]
     seconds: str
     kind = "figure"
 

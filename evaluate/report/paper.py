@@ -57,7 +57,7 @@ def _figure(folder: Path, figure: Mapping[str, Any]) -> Figure:
         pictures=[embed.png(folder / picture["file"], picture["label"]) for picture in figure["pictures"]],
         paper=figure["paper_text"],
         ours=figure["text"],
-        rows=[(name, *(cell.text for cell in _cells(figure, name))) for name in figure["ours"]],
+        rows=[(name, *_cells(figure, name)) for name in figure["ours"]],
         seconds=duration(figure["seconds"]),
     )
 
