@@ -102,8 +102,9 @@ def _figure_16(bench: Bench, folder: Path) -> Rebuilt:
         ]
     text = (
         "False colours count lobe products per point, on one scale per place. Rates here are of shading "
-        "alone; the paper's are of whole frames on a laptop of 2007. There are fewer products than in the paper "
-        "to begin with: lobes sharper than the light's take their shadow from the mask's cells."
+        "alone; the paper's are of whole frames on a laptop of 2007. There are fewer products than in "
+        "the paper to begin with: lobes sharper than the light's take their shadow from the mask's "
+        "cells."
     )
     return Rebuilt(pictures, text, quantities)
 
