@@ -32,7 +32,9 @@ def _figure_3(bench: Bench, folder: Path) -> Rebuilt:
     for name, sampling in report["samplings"].items():
         words = name.replace("_", " ")
         quantities += [
-            Quantity(f"{key} error, sampling: {words}", sampling["l2"][key], errors.PAPER[key], ".5g", "sr")
+            Quantity(
+                f"{key} of the error, sampling: {words}", sampling["l2"][key], errors.PAPER[key], ".5g", "sr"
+            )
             for key in ("mean", "variance", "median")
         ]
     per_decade = report["samplings"]["per_decade"]

@@ -10,7 +10,7 @@ from coslobe.core.files import write_text
 from coslobe.evaluate.report import embed
 from coslobe.evaluate.report.page import Cell, Figure, Page, Section, Table, html
 from coslobe.evaluate.report.table1 import table1_table
-from coslobe.evaluate.verdicts import duration, percent
+from coslobe.evaluate.verdicts import duration
 
 
 def write_paper_report(results: Path) -> Path:
@@ -44,7 +44,7 @@ def _overview(figures: list[Mapping[str, Any]]) -> Section:
     rows = [[figure["figure"], name, *_cells(figure, name)] for figure in figures for name in figure["paper"]]
     return Table(
         "The published numbers and ours",
-        ["figure", "quantity", "paper", "here"],
+        ["quantity", "paper", "here"],
         rows,
         "Rates and times are of different machines and different work: the paper's hold its whole frame "
         "on a laptop of 2007, ours the shading alone.",
@@ -72,7 +72,7 @@ def _cells(figure: Mapping[str, Any], name: str) -> tuple[Cell, Cell]:
 def _shown(value: float | None, form: str, unit: str) -> str:
     if value is None:
         return "–"
-    return percent(value) if form == "percent" else f"{value:{form}} {unit}".rstrip()
+    return f"{100 * value:.3g} %" if form == "percent" else f"{value:{form}} {unit}".rstrip()
 
 
 def _facts(document: Mapping[str, Any]) -> list[tuple[str, str]]:
