@@ -56,18 +56,21 @@ def table1_table(document: Document) -> Table:
         )
     return Table(
         title="Where the kernel's time goes",
-        text="Percent of the five stages' time. The estimator “paper” has the stages of the report; "
+        text="Percent of the five stages' processor time. The estimator “paper” has the stages of the report; "
         "“accurate” has no lobes for lights and masks, so its rows hold what takes their place.",
-        groups=[("", 2), ("percent of the time", len(STAGES)), ("time of all points", 3)],
+        groups=[("", 2), ("percent of the time", len(STAGES)), ("processor time, all threads", 3)],
         columns=["scene", "", *STAGES.values(), "points", "stages' sum", "fused kernel"],
         rows=rows,
         notes=[
-            (f"{STAGES[stage]}, {estimator}", text)
+            (f"{STAGES[stage]}, “{estimator}”", text)
             for estimator, texts in document["mapping"].items()
             for stage, text in texts.items()
         ]
         + [
-            ("points", "reading points and writing pictures, which is in the sum, but in no stage"),
+            (
+                "points",
+                "starting the kernel, reading points and writing pictures: in the sum, but in no stage",
+            ),
             ("stages' sum", "the build with all stages, each kept whole: what the percents are of"),
             ("fused kernel", "the kernel as it is used, of the same functions"),
         ],
