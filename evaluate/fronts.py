@@ -11,6 +11,10 @@ SLOPE = 2.0
 """Beyond a front's ends, time grows with error^-SLOPE, as for independent samples."""
 
 
+CLOSE = 1.5
+"""A setting stands for a number of spheres only if its error is at most so many times the least of them."""
+
+
 def front(points: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
     """The (error, seconds) that no other point beats in both, by growing time and falling error."""
     best: list[tuple[float, float]] = []
@@ -77,21 +81,31 @@ def _ratio(row: Row, rival: Sequence[Row], clock: str) -> tuple[float, bool] | N
 def best_speedups(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """By rival, material, number of spheres and device: the setting that is fastest at its own error.
 
-    `rows` as from `with_speedups`. `extrapolated` says that the rival's front was continued to that error.
+    `rows` as from `with_speedups`. Settings whose error is far above what so many spheres can reach are left
+    out (`CLOSE`). `extrapolated` says that the rival's front was continued to that error.
     """
+    ours = [row for row in rows if row["renderer"] == "coslobe"]
+    least: dict[tuple[Any, ...], float] = {}
+    for row in ours:
+        least[_place(row)] = min(row["relative_rmse_mesh"], least.get(_place(row), math.inf))
     best: dict[tuple[Any, ...], dict[str, Any]] = {}
-    for row in rows:
-        for rival, found in row.get("speedup", {}).items():
-            spheres = row["setting"]["spheres"]
-            key = (rival, row["material"], spheres, row["device"])
+    for row in ours:
+        if row["relative_rmse_mesh"] > CLOSE * least[_place(row)]:
+            continue
+        for rival, found in row["speedup"].items():
+            key = (rival, *_place(row))
             if key not in best or found["speedup"] > best[key]["speedup"]:
                 best[key] = {
                     "against": rival,
                     "material": row["material"],
-                    "spheres": spheres,
+                    "spheres": row["setting"]["spheres"],
                     "device": row["device"],
                     "at_error": row["relative_rmse_mesh"],
                     **found,
                     "setting": row["setting"],
                 }
     return list(best.values())
+
+
+def _place(row: Row) -> tuple[Any, ...]:
+    return row["material"], row["setting"]["spheres"], row["device"]

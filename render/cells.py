@@ -6,6 +6,16 @@ from numpy.typing import NDArray
 from coslobe.render.mask import directions
 
 
+def diffuse_sums(lit: NDArray, whole: NDArray, h: float, normal: NDArray) -> tuple[float, float]:
+    """Solid angle times cosine to `normal` over the cells of `whole` and of `lit`, per cell area.
+
+    Arguments as in `glossy_sums`.
+    """
+    along = directions(len(lit), h)
+    value = along[..., 2] ** 3 * np.maximum(along @ normal, 0)
+    return float(value[whole].sum()), float(value[lit].sum())
+
+
 def glossy_sums(
     lit: NDArray,
     whole: NDArray,

@@ -130,7 +130,7 @@ def _hit_mesh(obj: "Object", assets: "Assets", rays: Rays) -> Layer:
     candidates = near_rays(caster.hull, matrix, rays)
     inverse = np.linalg.inv(matrix[:3, :3])
     origin = inverse @ (rays.origin - matrix[:3, 3])
-    local = rays.local if len(candidates) == len(rays.pixel) else rays.local[:, candidates]
+    local = rays.local if len(candidates) == len(rays.pixel) else np.take(rays.local, candidates, axis=1)
     t, triangle, uv = caster.nearest(origin, turned(scale * inverse @ rays.frame.T, local))
     hit = np.flatnonzero(np.isfinite(t))
     return Layer(candidates[hit].astype(np.int32), t[hit] * scale, triangle[hit], uv[hit])

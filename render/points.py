@@ -1,6 +1,5 @@
 """Points to be shaded as the kernel reads them: from a G-buffer, or made on the device from what rays hit."""
 
-from functools import cached_property
 from importlib.resources import files
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -8,7 +7,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from coslobe.core.device import Device
+from coslobe.core.device import Device, Launch
 from coslobe.render import layout
 from coslobe.render.camera import half_extent, sample_pattern
 from coslobe.render.gbuffer import GBuffer
@@ -26,30 +25,43 @@ class PointBuffers:
         self._device = device
         self._kept: WeakKeyDictionary[Any, tuple[NDArray, Any, NDArray]] = WeakKeyDictionary()
         self._inputs: WeakKeyDictionary[Any, list[Any]] = WeakKeyDictionary()
+        self._kernels: dict[str, Any] = {}
+        self._alive: list[Any] = []  # arguments of launches: a kernel keeps its last ones only
 
-    def upload(self, points: GBuffer | Visible, material: NDArray) -> tuple[Any, NDArray, float]:
-        """A buffer of `layout.POINT_ROWS`, the origin [3] of its positions, and the kernels' seconds.
+    def build(self, points: GBuffer | Visible) -> None:
+        """Build the program that such points need, where it is not built yet."""
+        from pyopencl import Kernel
+
+        if isinstance(points, Visible) and self._device.has_doubles and not self._kernels:
+            source = (files("coslobe.render.kernels") / "visible.cl").read_text()
+            program = self._device.build([("layout", layout.point_rows()), ("visible.cl", source)], {})
+            names = ("points_on_plane", "points_on_mesh")
+            self._kernels = {name: Kernel(program, name) for name in names}
+
+    def upload(self, points: GBuffer | Visible, material: NDArray) -> tuple[Any, NDArray, list[Launch]]:
+        """A buffer of `layout.POINT_ROWS`, the origin [3] of its positions, and the launches that fill it.
 
         `material` is the index of each point's struct, int32 [n].
         """
         known = self._kept.get(points)
         if known is not None and np.array_equal(known[0], material):
-            return known[1], known[2], 0.0
-        seconds = 0.0
-        if isinstance(points, Visible) and self._device.has_doubles:
-            origin = points.origin
-            buffer, seconds = self._computed(points, material)
-        elif isinstance(points, Visible):
-            origin = points.origin
-            buffer = self._device.upload(pack_points(points.gbuffer, material, origin))
-        else:
+            return known[1], known[2], []
+        self.build(points)
+        launches: list[Launch] = []
+        if isinstance(points, GBuffer):
             origin = middle(points)
             buffer = self._device.upload(pack_points(points, material, origin))
+        elif self._kernels:
+            origin = points.origin
+            buffer, launches = self._computed(points, material)
+        else:
+            origin = points.origin
+            buffer = self._device.upload(pack_points(points.gbuffer, material, origin))
         self._kept[points] = (material, buffer, origin)
-        return buffer, origin, seconds
+        return buffer, origin, launches
 
-    def _computed(self, points: Visible, material: NDArray) -> tuple[Any, float]:
-        """The points made on the device, one launch per object, and the kernels' seconds."""
+    def _computed(self, points: Visible, material: NDArray) -> tuple[Any, list[Launch]]:
+        """The points made on the device, one launch per object."""
         device, hits, image = self._device, points.hits, points.scene.image
         stride = layout.padded(len(points))
         buffer = device.allocate(len(layout.POINT_ROWS) * stride * 4)
@@ -61,7 +73,7 @@ class PointBuffers:
         )
         width = image.width
         (pixels,) = self._once(hits.rays, lambda rays: [rays.pixel // width << 16 | rays.pixel % width])
-        launches, alive = [], []
+        launches, self._alive = [], []
         for index, obj in enumerate(points.scene.objects.values()):
             layer = hits.layers.get(index)
             if layer is None or len(layer.ray) == 0:
@@ -80,16 +92,8 @@ class PointBuffers:
             kernel = self._kernels["points_on_plane" if obj.mesh is None else "points_on_mesh"]
             n_items = -(-len(layer.ray) // layout.WORK_GROUP) * layout.WORK_GROUP
             launches.append(device.launch(kernel, n_items, layout.WORK_GROUP, *arguments))
-            alive.append(arguments)  # a kernel keeps its buffers only until it gets other arguments
-        return buffer, sum(launch.seconds for launch in launches)
-
-    @cached_property
-    def _kernels(self) -> dict[str, Any]:
-        from pyopencl import Kernel
-
-        source = (files("coslobe.render.kernels") / "visible.cl").read_text()
-        program = self._device.build([("layout", layout.point_rows()), ("visible.cl", source)], {})
-        return {name: Kernel(program, name) for name in ("points_on_plane", "points_on_mesh")}
+            self._alive.append(arguments)
+        return buffer, launches
 
     def _once(self, thing: Any, arrays: Any) -> list[Any]:
         """The arrays of something that never changes, on the device as long as it lives."""

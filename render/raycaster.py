@@ -9,7 +9,7 @@ from coslobe.render.camera import BLOCK, Rays, turned
 
 CELLS = 8  # along each side of a mesh's box: what its outline in a picture is taken from
 SIDES = 16  # of the polygon around the outline
-AT_ONCE = 1 << 15  # rays: other threads of Python wait meanwhile
+AT_ONCE = 1 << 13  # rays: for 1 to 2 ms, in which no other thread can run Python
 
 
 class RayCaster:

@@ -6,20 +6,20 @@ inline rf where_bit(ru rows, int c, rf value)
     return select((rf)(0.0f), value, AS_RI(rows << (31 - c)));
 }
 
-/* Sums of solid angle times cosine over the cells of the light's disk, over all (x) and over lit ones (y). */
+/* Sums of solid angle times cosine, (n.p) / l^4, over the cells of the light's disk, over all (x) and over lit ones (y).
+   Columns that mirror each other have the same l and, of the disk, the same rows. */
 inline float2 diffuse_cells(const ru *lit, __constant uint *disk, float h, float3 n)
 {
     rf all = 0.0f, some = 0.0f;
     for (int k = 0; k < NR; k++) {
-        const rf y = row_centres(k) * h;
+        const rf y = row_centres(k) * h, height = n.y * y + n.z, y2 = y * y + 1.0f;
         const ru inside = RU_LOAD(k, disk);
-        for (int c = 0; c < ROWS; c++) {
+        for (int c = 0; c < ROWS / 2; c++) {
             const float x = column_centre(c) * h;
-            const rf inverse = rsqrt(x * x + y * y + 1.0f);
-            const rf omega = where_bit(inside, c, inverse * inverse * inverse);
-            const rf value = omega * fmax((n.x * x + n.y * y + n.z) * inverse, 0.0f);
-            all += value;
-            some += where_bit(lit[k], c, value);
+            const rf inverse2 = 1.0f / (x * x + y2), weight = inverse2 * inverse2;
+            const rf left = weight * fmax(height + n.x * x, 0.0f), right = weight * fmax(height - n.x * x, 0.0f);
+            all += where_bit(inside, c, left + right);
+            some += where_bit(lit[k], c, left) + where_bit(lit[k], ROWS - 1 - c, right);
         }
     }
     return (float2)(row_sum(all), row_sum(some));

@@ -8,9 +8,11 @@
 #define BELOW -2
 #define NEAR_ROWS 7
 
-/* Of lists that are not short, as many of the largest spheres are tried for what they hide. */
+/* Of lists that are not short, so many of the largest spheres are tried for what they hide, unless several in a row hide
+   nothing. */
 #define FEW_NEAR 12
-#define LARGEST_NEAR 32
+#define LARGEST_NEAR 64
+#define IDLE_NEAR 16
 
 /* A box around points, and one around their normals. */
 typedef struct {
@@ -131,7 +133,8 @@ inline int is_solid(const cap_t *cap, const __local float *near, int b, float3 p
    hides it that contains it with this margin for some f. */
 inline int drop_hidden(const cap_t *cap, __local float *near, int first, int count, float3 p, float slack)
 {
-    for (int b = first; b < min(first + LARGEST_NEAR, count); b++) {
+    int idle = 0;
+    for (int b = first; b < min(first + LARGEST_NEAR, count) && idle < IDLE_NEAR; b++) {
         VF_STORE((vf)(-1.0f), near + 6 * NEAR_ROOM + count);
         bring_largest(near, b, count);
         if (!is_solid(cap, near, b, p, slack))
@@ -158,6 +161,7 @@ inline int drop_hidden(const cap_t *cap, __local float *near, int first, int cou
                 kept++;
             }
         }
+        idle = kept < count ? 0 : idle + 1;
         count = kept;
     }
     return count;

@@ -1,5 +1,5 @@
 /* Points PW at a time: what every point needs, whether or not anything blocks its light, is computed for as many points
-   as vectors have lanes; PW is 1 where the device has none. */
+   as vectors have lanes. PW is VW, or 1 on devices whose lanes are work-items. */
 
 #if PW == 1
 #define POINTS(T) T
@@ -87,13 +87,8 @@ inline uint point_bits(pi chosen)
 {
 #if PW == 1
     return chosen != 0;
-#elif PW == VW
-    return lane_bits(chosen);
 #else
-    uint bits = 0;
-    for (int l = 0; l < PW; l++)
-        bits |= (INT_LANE(chosen, l) & 1) << l;
-    return bits;
+    return lane_bits(chosen);
 #endif
 }
 
@@ -183,5 +178,34 @@ inline void columns_of(const float4 *rows, pf *columns)
     columns[1] = (pf)(odd1.even, odd2.even);
     columns[2] = (pf)(even1.odd, even2.odd);
     columns[3] = (pf)(odd1.odd, odd2.odd);
+#endif
+}
+
+/* Stores vectors one after another, as rows of four numbers whose last the next one overwrites. */
+inline void store3(pf3 v, __global float *out)
+{
+#if PW == 1
+    vstore3((float3)(v.x, v.y, v.z), 0, out);
+#else
+    pf xz1, xz2, y1 = 0.0f, y2 = 0.0f;
+    xz1.even = v.x.lo;
+    xz1.odd = v.z.lo;
+    xz2.even = v.x.hi;
+    xz2.odd = v.z.hi;
+    y1.even = v.y.lo;
+    y2.even = v.y.hi;
+    pf rows[4];
+    rows[0].even = xz1.lo;
+    rows[0].odd = y1.lo;
+    rows[1].even = xz1.hi;
+    rows[1].odd = y1.hi;
+    rows[2].even = xz2.lo;
+    rows[2].odd = y2.lo;
+    rows[3].even = xz2.hi;
+    rows[3].odd = y2.hi;
+    const float4 *points = (const float4 *)rows;
+    for (int l = 0; l < PW - 1; l++)
+        vstore4(points[l], 0, out + 3 * l);
+    vstore3(points[PW - 1].xyz, 0, out + 3 * (PW - 1));
 #endif
 }

@@ -10,12 +10,11 @@
    (y), at `back` angles from the last one. Linear between the samples of four pairs of exponents and two angles. */
 inline void residuals(__global const float *table, float e1, rf e2, rf back, int count, rf *shape, rf *scale)
 {
-    const float position1 = fmin(log1p(2.0f * e1) * PRODUCT_STEPS, PRODUCT_EXPONENTS - 1.0f);
+    const rf position1 = fmin(ln_rows((rf)(1.0f + 2.0f * e1)) * PRODUCT_STEPS, PRODUCT_EXPONENTS - 1.0f);
     const rf position2 = fmin(ln_rows(1.0f + 2.0f * e2) * PRODUCT_STEPS, PRODUCT_EXPONENTS - 1.0f);
-    const int i = min((int)position1, PRODUCT_EXPONENTS - 2);
-    const ri j = min(TO_RI(position2), PRODUCT_EXPONENTS - 2), angle = min(TO_RI(back), PRODUCT_ANGLES - 2);
-    const float g1 = position1 - i, f1 = 1.0f - g1;
-    const rf g2 = position2 - TO_RF(j), f2 = 1.0f - g2, f = back - TO_RF(angle);
+    const ri i = min(TO_RI(position1), PRODUCT_EXPONENTS - 2), j = min(TO_RI(position2), PRODUCT_EXPONENTS - 2);
+    const ri angle = min(TO_RI(back), PRODUCT_ANGLES - 2);
+    const rf g1 = position1 - TO_RF(i), f1 = 1.0f - g1, g2 = position2 - TO_RF(j), f2 = 1.0f - g2, f = back - TO_RF(angle);
     const ri place = 3 * (PRODUCT_ANGLES - 2 - angle);
     float w[4][RW];
     int p[4][RW];

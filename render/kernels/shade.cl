@@ -66,8 +66,7 @@ inline void store_points(pf3 v, int add, __global float *out)
     if (add)
         for (int l = 0; l < PW; l++)
             add_lane(&v, l, vload3(l, out));
-    for (int l = 0; l < PW; l++)
-        vstore3(vector_lane(&v, l), l, out);
+    store3(v, out);
 }
 
 /* Adds light `j` where it is a point, or no mask can hold it, to the `chosen` points one by one. */

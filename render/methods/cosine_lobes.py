@@ -179,9 +179,10 @@ class CosineLobes:
             stage=self._stage,
         )
         kernel = self._kernel(scene.shading.estimator, defines)
+        self._points.build(gbuffer)
         build_seconds = time.perf_counter() - start
 
-        points, origin, points_seconds = self._points.upload(gbuffer, packed.index)
+        points, origin, before = self._points.upload(gbuffer, packed.index)
         lights = _pack_lights(scene, origin)
         groups = self._groups(scene, blockers, origin)
         eye = np.asarray(scene.camera.look_at.origin, np.float64) - origin
@@ -230,7 +231,7 @@ class CosineLobes:
             found["irradiance"] = device.download(arriving, (n, 3), np.float32)
         return Shading(
             result,
-            launch.seconds + points_seconds,
+            sum(one.seconds for one in (*before, launch)),
             build_seconds,
             _summary(counts, n, len(lights), blockers),
             {name: found[name] for name in layers},

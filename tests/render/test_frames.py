@@ -59,6 +59,16 @@ def test_a_time_budget_is_kept_by_what_a_sample_of_tiles_takes(tiny_scene, tmp_p
     assert picture["beauty"].max() == 0  # rendered at the threshold that was found: nothing is left
 
 
+def test_only_layers_are_compressed(tiny_scene, tmp_path, device):
+    """Shaded float32 pixels shrink by little, and compressing them takes longer than shading."""
+    import OpenEXR
+
+    for layers, compression in (((), OpenEXR.NO_COMPRESSION), (("object",), OpenEXR.ZIP_COMPRESSION)):
+        document, _ = pictures(load_scene(tiny_scene), tmp_path, device, layers)
+        with OpenEXR.File(str(document["frames"][0]["file"]), header_only=True) as file:
+            assert file.header()["compression"] == compression
+
+
 def test_seconds_add_up_to_the_run(tiny_scene, tmp_path, device):
     """Frames overlap, so each counts from the completion of the former."""
     scene = load_scene(tiny_scene)
