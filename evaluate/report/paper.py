@@ -41,7 +41,11 @@ def write_paper_report(results: Path) -> Path:
 
 def _overview(figures: list[Mapping[str, Any]]) -> Section:
     """All numbers that the paper states in its figures, with ours."""
-    rows = [[figure["figure"], name, *_cells(figure, name)] for figure in figures for name in figure["paper"]]
+    rows = [
+        [f"{figure['figure']}: {name}", *_cells(figure, name)]
+        for figure in figures
+        for name in figure["paper"]
+    ]
     return Table(
         "The published numbers and ours",
         ["quantity", "paper", "here"],

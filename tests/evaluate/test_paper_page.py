@@ -159,7 +159,14 @@ def test_page_and_files(tmp_path, stub):
     assert json.loads(document["results"].read_text())["figures"][0]["seconds"] == first["seconds"]
     assert "Fig. 99,rate,20.0,13.73" in (tmp_path / "results.csv").read_text().splitlines()
     text = document["report"].read_text()
-    for shown in ("Fig. 99: A line", "It was theirs.", "It is ours.", "13.73 frames / s", "20 frames / s"):
+    for shown in (
+        "Fig. 99: A line",
+        "Fig. 99: rate",
+        "It was theirs.",
+        "It is ours.",
+        "13.73 frames / s",
+        "20 frames / s",
+    ):
         assert shown in text
     assert "Table 1: Time of the shading loop by stage" in text
     assert "saved &lt;b&gt;" in text
