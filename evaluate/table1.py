@@ -81,7 +81,7 @@ MAPPING = {
     },
 }
 
-ROUNDS = (7, 101)
+ROUNDS = (15, 101)
 ENOUGH_SECONDS = 4.0
 """Rounds of a scene's builds end when they took this long, within these bounds."""
 
@@ -94,8 +94,9 @@ def measure_table1(device: Device, progress: Progress = SILENT) -> dict[str, Any
     dict
         rows: one per scene, estimator and stage: percent of the five stages, seconds, and the paper's
         percent. totals: one per scene and estimator: points, rounds, points_seconds (starting the kernel,
-        reading and writing points), stage_seconds (of each stage), sum_seconds (of all that), fused_seconds (the kernel as it
-        is used). mapping: what each estimator does in a stage. device: what it was measured on.
+        reading and writing points), stage_seconds (of each stage), sum_seconds (of all that),
+        fused_seconds (the kernel as it is used). mapping: what each estimator does in a stage. device:
+        what it was measured on.
     """
     assets, timed = Assets(device, progress), TimedDevice(device.info)
     rows, totals = [], []
@@ -112,7 +113,7 @@ def measure_table1(device: Device, progress: Progress = SILENT) -> dict[str, Any
 
 
 def measure_stages(scene: Scene, gbuffer: GBuffer, blockers: Blockers, device: TimedDevice) -> dict[str, Any]:
-    """Processor time of each stage for one picture: differences of the medians of staged builds, which take turns.
+    """Processor time of each stage for one picture: from medians of staged builds, which take turns.
 
     A later build cannot take less than an earlier one; where noise says so, the stage took nothing.
     """

@@ -56,8 +56,8 @@ def table1_table(document: Document) -> Table:
         )
     return Table(
         title="Where the kernel's time goes",
-        text="Percent of the five stages' processor time. The estimator “paper” has the stages of the report; "
-        "“accurate” has no lobes for lights and masks, so its rows hold what takes their place.",
+        text="Percent of the five stages' processor time. The estimator “paper” has the stages of the "
+        "report; “accurate” has no lobes for lights and masks, so its rows hold what takes their place.",
         groups=[("", 2), ("percent of the time", len(STAGES)), ("processor time, all threads", 3)],
         columns=["scene", "", *STAGES.values(), "points", "stages' sum", "fused kernel"],
         rows=rows,
