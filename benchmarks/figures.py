@@ -4,23 +4,19 @@ Run alone, it prints them: `python benchmarks/figures.py`.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coslobe import configs
 from coslobe.core.device import Device, select
-from coslobe.evaluate.direct import Estimate, direct_light
+from coslobe.evaluate.direct import direct_light
 from coslobe.evaluate.errors import compare, without_noise
-from coslobe.evaluate.lobe_sums import integrate_lobe_sums
-from coslobe.evaluate.occlusion import mesh_occluders, sphere_occluders
+from coslobe.evaluate.occlusion import mesh_occluders
+from coslobe.evaluate.paper_figures.bench import Bench, by_estimator
+from coslobe.evaluate.paper_figures.lobe_sums import UNIT, Difference, difference, measure_lobe_sums
+from coslobe.evaluate.paper_figures.thresholds import measure_savings
 from coslobe.evaluate.sampling import strata
-from coslobe.render.assets import Assets, world_blockers
-from coslobe.render.gbuffer import GBuffer, trace_gbuffer
-from coslobe.render.methods import create_method
 from coslobe.render.scene import Scene, load_scene
-from coslobe.tables import store
 
 CONTACT = 0.02  # receivers nearer to a mesh than this are in contact with it
-UNIT = ("shading.paper.light_lobes=unit", "shading.paper.products=l2")
 SMALL = {"fig13": (256, 192), "fig15": (128, 128), "fig17": (128, 128), "fig18": (160, 120)}
 SAMPLES = 1024
 
@@ -30,65 +26,35 @@ def percent(value: float | None) -> str:
     return "-" if value is None else f"{100 * value:.2g} %"
 
 
-class Bench:
-    """Scenes, points and pictures on one device."""
-
-    def __init__(self, device: Device) -> None:
-        self.assets = Assets(device)
-        self._method = create_method("cosine_lobes", device)
-
-    def scene(self, figure: str, frame: int = 0, overrides: tuple[str, ...] = ()) -> Scene:
-        """A figure's scene at the size that is measured here."""
-        size = () if figure not in SMALL else tuple(
-            f"image.{side}={n}" for side, n in zip(("width", "height"), SMALL[figure], strict=True)
-        )  # fmt: skip
-        return load_scene(configs.path(figure), (*size, *overrides)).at(frame)
-
-    def picture(self, scene: Scene, gbuffer: GBuffer, layers: tuple[str, ...] = ()) -> tuple[NDArray, dict]:
-        """Radiance of the points, and layers."""
-        shading = self._method.shade(scene, gbuffer, world_blockers(scene, self.assets), layers)
-        return shading.radiance.astype(np.float64), shading.layers
-
-    def points(self, scene: Scene) -> GBuffer:
-        """What the camera sees."""
-        return trace_gbuffer(scene, self.assets)
-
-    def same_spheres(self, scene: Scene, gbuffer: GBuffer, samples: int = SAMPLES) -> Estimate:
-        """The reference with the same spheres."""
-        return direct_light(scene, gbuffer, sphere_occluders(scene, self.assets), strata(samples), (0,))
-
-
-def by_estimator(scene: Scene, estimator: str, threshold: float = 0.0) -> Scene:
-    """The scene with another estimator."""
-    shading = scene.shading.model_copy(update={"estimator": estimator, "threshold": threshold})
-    return scene.model_copy(update={"shading": shading})
+def small(bench: Bench, figure: str, frame: int = 0, overrides: tuple[str, ...] = ()) -> Scene:
+    """A figure's scene at the size that is measured here."""
+    width, height = SMALL[figure]
+    return bench.scene(figure, frame, (f"image.width={width}", f"image.height={height}", *overrides))
 
 
 def figure_15(bench: Bench) -> list[str]:
     """Rows: estimator; mean absolute difference over mean, maximum over maximum."""
     rows = []
 
-    def row(name: str, found: NDArray, expected: NDArray) -> None:
-        difference = np.abs(found - expected)
-        mean, most = difference.mean() / expected.mean(), difference.max() / expected.max()
-        rows.append(f"| {name} | {percent(mean)} | {percent(most)} |")
+    def row(name: str, found: Difference) -> None:
+        rows.append(f"| {name} | {percent(found.mean)} | {percent(found.largest)} |")
         print(rows[-1], flush=True)
 
-    scene = bench.scene("fig15")
+    scene = small(bench, "fig15")
     gbuffer = bench.points(scene)
-    some = gbuffer.some(np.arange(0, len(gbuffer.position), 8))
-    tables = store.cached()
+    some = gbuffer.some(np.arange(0, len(gbuffer), 8))
     for name, overrides in (("L2 products, amplitude 1", UNIT), ("energy-conserving", ())):
-        of_scene = bench.scene("fig15", 0, overrides)
-        sums = integrate_lobe_sums(of_scene, some, sphere_occluders(of_scene, bench.assets), tables)
-        row(f"lobe sums integrated numerically, {name}", bench.picture(of_scene, some)[0], sums)
+        row(
+            f"lobe sums integrated numerically, {name}",
+            measure_lobe_sums(bench, overrides, some).difference,
+        )
     truth = bench.same_spheres(scene, gbuffer, 4096).radiance
     for name, of_scene in (
-        ("paper, amplitude 1 and L2", bench.scene("fig15", 0, UNIT)),
+        ("paper, amplitude 1 and L2", small(bench, "fig15", 0, UNIT)),
         ("paper, energy-conserving", scene),
         ("accurate", by_estimator(scene, "accurate")),
     ):
-        row(f"same spheres, path traced: {name}", bench.picture(of_scene, gbuffer)[0], truth)
+        row(f"same spheres, path traced: {name}", difference(bench.picture(of_scene, gbuffer)[0], truth))
     return rows
 
 
@@ -102,9 +68,9 @@ def figures_13_17_18(bench: Bench) -> list[str]:
         ("fig17", 2, "17 (c)"),
         ("fig18", 0, "18"),
     ):
-        scene = bench.scene(figure, frame)
+        scene = small(bench, figure, frame)
         gbuffer = bench.points(scene)
-        truth = bench.same_spheres(scene, gbuffer)
+        truth = bench.same_spheres(scene, gbuffer, SAMPLES)
         dark = ~truth.radiance.any(axis=1)
         cells = [label]
         brightest = 0.0
@@ -125,7 +91,7 @@ def figure_13_mesh(bench: Bench) -> list[str]:
     """Rows: part of the picture; relative RMSE and bias of `accurate` against the true meshes."""
     import open3d
 
-    scene = bench.scene("fig13")
+    scene = small(bench, "fig13")
     gbuffer = bench.points(scene)
     truth = direct_light(scene, gbuffer, mesh_occluders(scene, bench.assets), strata(SAMPLES), (0,))
     image = bench.picture(scene, gbuffer)[0]
@@ -172,7 +138,7 @@ def temporal(bench: Bench) -> list[str]:
         light = scene.lights["key"].model_copy(update={"sphere": start.model_copy(update={"center": moved})})
         scene = scene.model_copy(update={"lights": {"key": light}})
         gbuffer = bench.points(scene)
-        truth = bench.same_spheres(scene, gbuffer)
+        truth = bench.same_spheres(scene, gbuffer, SAMPLES)
         error = bench.picture(scene, gbuffer)[0] - truth.radiance
         mean.append(truth.radiance.mean())
         if before is not None:
@@ -190,17 +156,10 @@ def figure_16(bench: Bench) -> list[str]:
     """Rows: frame; products per point at t_i = 0 and 0.001, share saved, mean change."""
     rows = []
     for frame in (0, 1):
-        scene = bench.scene("fig16", frame)
-        gbuffer = bench.points(scene)
-        images, products = [], []
-        for threshold in (0.0, 0.001):
-            image, layers = bench.picture(by_estimator(scene, "paper", threshold), gbuffer, ("products",))
-            images.append(image)
-            products.append(float(layers["products"].mean()))
-        change = np.abs(images[1] - images[0]).mean() / images[0].mean()
-        saved = 1 - products[1] / products[0]
+        found = measure_savings(bench, frame)
+        none, some = (products.mean() for products in found.products)
         rows.append(
-            f"| {frame} | {products[0]:.1f} | {products[1]:.1f} | {percent(saved)} | {percent(change)} |"
+            f"| {frame} | {none:.1f} | {some:.1f} | {percent(found.saved)} | {percent(found.change)} |"
         )
         print(rows[-1], flush=True)
     return rows

@@ -10,6 +10,7 @@ import typer
 from coslobe.cli.common import DeviceOption, JsonOption, command, print_json, progress, say
 from coslobe.cli.compare import compare as compare_runs
 from coslobe.cli.options import FramesOption, OutOption, SetOption
+from coslobe.cli.paper import rebuild as rebuild_paper
 from coslobe.cli.reference import SamplesOption
 from coslobe.cli.sweep import Sweeps
 from coslobe.cli.sweep import sweep as run_sweep
@@ -60,6 +61,12 @@ def evaluate(
     pareto: Annotated[
         bool, typer.Option("--pareto", help="Error against time, beside Embree and Mitsuba, on all devices.")
     ] = False,
+    paper: Annotated[
+        bool,
+        typer.Option(
+            "--paper", help="Rebuild the figures of the 2009 paper and its Table 1, beside its numbers."
+        ),
+    ] = False,
     table1: Annotated[
         bool, typer.Option("--table1", help="Time of the shading kernel by stage, as in the paper's Table 1.")
     ] = False,
@@ -86,6 +93,9 @@ def evaluate(
             command=command_line(),
             json=json,
         )
+        return
+    if paper:
+        rebuild_paper(scene, out, device, command=command_line(), json=json)
         return
     if table1:
         measure_stages(scene, out, device, command=command_line(), json=json)

@@ -4,6 +4,7 @@ Lobes of lights, of the reflectance and of shadow leaves are those of the estima
 integrated over directions here, where the estimator puts one lobe in the place of each.
 """
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,6 +111,12 @@ def _visible(
     return term.light_amplitude * max(float(whole - shadow.amplitude @ taken), 0.0)
 
 
+@cache
+def _nodes() -> tuple[NDArray, NDArray]:
+    """Gauss-Legendre nodes and weights of the rings."""
+    return roots_legendre(RINGS)
+
+
 def _integrals(
     axes: NDArray, exponents: NDArray, others: list[Reflectance], normal: NDArray, cosine: bool
 ) -> NDArray:
@@ -117,7 +124,7 @@ def _integrals(
 
     Directions are spread as each lobe is: its share within 1 - cosine = x is 1 - (1 - x)^(e + 1).
     """
-    nodes, weights = roots_legendre(RINGS)
+    nodes, weights = _nodes()
     depth = -np.expm1(np.log((nodes + 1) / 2) / (exponents[:, None] + 1))[..., None]
     turn = (np.arange(SECTORS) + 0.5) * 2 * np.pi / SECTORS
     rim = np.sqrt(depth * (2 - depth))

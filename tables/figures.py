@@ -26,27 +26,24 @@ def draw(tables: LobeTables, folder: Path, progress: Progress = SILENT) -> list[
     CoslobeError
         The folder cannot be written.
     """
-    from matplotlib.figure import Figure
-
-    drawings: dict[str, Callable[[Any, LobeTables], str]] = {
-        "figure02_integral": _integral,
-        "figure03_error": _error_map,
-        "figure04_distribution": _distribution,
-        "figure06_exponent": _exponent,
-        "figure07_cap": _cap,
-        "figure12_weights": _weights,
-    }
     files = []
-    with progress.task("drawing", len(drawings)) as advance:
-        for name, drawing in drawings.items():
-            figure = Figure(figsize=(9, 4.6), layout="constrained")
-            figure.supxlabel(drawing(figure, tables), fontsize=8, x=0.02, ha="left")
-            file = folder / f"{name}.png"
-            with atomic_path(file) as temporary:
-                figure.savefig(temporary, dpi=110, metadata={"Software": None})
-            files.append(file)
+    with progress.task("drawing", len(DRAWINGS)) as advance:
+        for name in DRAWINGS:
+            files.append(draw_one(name, tables, folder))
             advance(note=name)
     return files
+
+
+def draw_one(name: str, tables: LobeTables, folder: Path) -> Path:
+    """Write one of `DRAWINGS` into `folder`; the file written. Errors as in `draw`."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4.6), layout="constrained")
+    figure.supxlabel(DRAWINGS[name](figure, tables), fontsize=8, x=0.02, ha="left")
+    file = folder / f"{name}.png"
+    with atomic_path(file) as temporary:
+        figure.savefig(temporary, dpi=110, metadata={"Software": None})
+    return file
 
 
 def _integral(figure: Any, tables: LobeTables) -> str:
@@ -186,3 +183,13 @@ def _weights(figure: Any, tables: LobeTables) -> str:
         "Paper, Fig. 12: lobes of leaves overlap, the more the nearer the square; weights set by hand.\n"
         "Here: weights by the umbra rule and least squares; 400 random masks under a light of 7° half-angle."
     )
+
+
+DRAWINGS: dict[str, Callable[[Any, LobeTables], str]] = {
+    "figure02_integral": _integral,
+    "figure03_error": _error_map,
+    "figure04_distribution": _distribution,
+    "figure06_exponent": _exponent,
+    "figure07_cap": _cap,
+    "figure12_weights": _weights,
+}

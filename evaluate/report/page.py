@@ -133,7 +133,29 @@ class Table:
         return [[cell if isinstance(cell, Cell) else Cell(cell) for cell in row] for row in self.rows]
 
 
-Section = Viewer | Gallery | Film | Plot | Table
+@dataclass(frozen=True)
+class Figure:
+    """Pictures with what they show elsewhere and here, and the numbers of both.
+
+    Attributes
+    ----------
+    paper, ours : str
+        What the paper shows, and what is seen here.
+    rows : sequence of (quantity, paper's, ours)
+    seconds : str
+        How long it took, in words.
+    """
+
+    title: str
+    pictures: Sequence[Picture]
+    paper: str
+    ours: str
+    rows: Sequence[tuple[str, Cell, Cell]]
+    seconds: str
+    kind = "figure"
+
+
+Section = Viewer | Gallery | Film | Plot | Table | Figure
 
 
 @dataclass(frozen=True)
