@@ -97,7 +97,7 @@ def test_table1_end_to_end(ball_scene, tmp_path, device, monkeypatch):
     with (tmp_path / "results.csv").open() as file:
         assert [row["stage"] for row in csv.DictReader(file)] == [row["stage"] for row in rows]
     page, fragment = (tmp_path / "report.html").read_text(), table1_html(document)
-    for text in ("published 2009", "63.0", "(c) mask", document["mapping"]["accurate"]["b"]):
+    for text in ("published", "63.0", "mask lobes, “accurate”", document["mapping"]["accurate"]["b"]):
         assert text in page
         assert text in fragment
     assert "http" not in page.replace("http-equiv", "")
