@@ -50,12 +50,6 @@ inline int product_row(int i, int j)
     return 3 * PRODUCT_ANGLES * (high * (high + 1) / 2 + min(i, j));
 }
 
-inline ri product_rows(ri i, ri j)
-{
-    const ri high = max(i, j);
-    return 3 * PRODUCT_ANGLES * (high * (high + 1) / 2 + min(i, j));
-}
-
 /* The lobe that stands for the product of two lobes of amplitude 1 whose axes are `alpha` in [0, pi] apart. */
 inline ProductLobe product_lobe(__global const float *table, float e1, float e2, float alpha)
 {
