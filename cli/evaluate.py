@@ -27,7 +27,7 @@ def evaluate(
             help="Scene file (YAML).",
             exists=True,
             dir_okay=False,
-            show_default="the bunny scene of the paper's Fig. 17",
+            show_default="the bunny of the paper's Fig. 17; Fig. 16 for --sweep ti",
         ),
     ] = None,
     out: OutOption = None,
@@ -74,6 +74,14 @@ def evaluate(
     json: JsonOption = False,
 ) -> None:
     """Render a scene, path-trace references of it, and report errors and times."""
+    modes = {
+        "--compare": compare is not None,
+        "--sweep": sweep is not None,
+        "--pareto": pareto,
+        "--paper": paper,
+        "--table1": table1,
+    }
+    check_modes([mode for mode, asked in modes.items() if asked], frames=frames, overrides=set_)
     if compare is not None:
         compare_runs(*compare, error=worse, time=slower, json=json)
         return
@@ -121,6 +129,16 @@ def evaluate(
             progress=listener,
         )
     show(document, json)
+
+
+def check_modes(modes: list[str], *, frames: str | None, overrides: list[str] | None) -> None:
+    """At most one kind of evaluation, and no changes to scenes where none is read."""
+    if len(modes) > 1:
+        raise UsageError(f"{' and '.join(modes)} do not go together", "run them one after the other")
+    fixed = {"--compare", "--paper", "--table1"}.intersection(modes)
+    given = [name for name, value in {"--frames": frames, "--set": overrides}.items() if value]
+    if fixed and given:
+        raise UsageError(f"{modes[0]} takes no {given[0]}", f"leave {given[0]} out")
 
 
 def measure_pareto(

@@ -24,7 +24,11 @@ def render(
     frames: FramesOption = None,
     estimator: Annotated[Estimator | None, typer.Option(help="Same as --set shading.estimator=...")] = None,
     layers: Annotated[
-        str | None, typer.Option(metavar="NAME,...", help="Also store: object, normal, position, depth.")
+        str | None,
+        typer.Option(
+            metavar="NAME,...",
+            help="Also store: irradiance, products, mask_leaves, object, normal, position, depth.",
+        ),
     ] = None,
     set_: SetOption = None,
     device: DeviceOption = None,

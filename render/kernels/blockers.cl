@@ -231,7 +231,8 @@ inline int blocked(const __local blockers_t *blockers, const receiver_t *receive
     for (int g = 0; g < blockers->n_groups; g++) {
         const float3 go = (float3)(blockers->group_x[g], blockers->group_y[g], blockers->group_z[g]) - p;
         const float gr = blockers->group_radius[g], g_along = dot(go, l);
-        if (gr <= 0.0f || g_along < -gr || dot(go, go) - g_along * g_along > gr * gr)
+        const float3 g_across = go - g_along * l; /* not by the difference of squares, which cancels */
+        if (gr <= 0.0f || g_along < -gr || dot(g_across, g_across) > gr * gr)
             continue;
         for (int s = g * GROUP; s < (g + 1) * GROUP; s++) {
             float r = blockers->radius[s];
@@ -239,11 +240,12 @@ inline int blocked(const __local blockers_t *blockers, const receiver_t *receive
             if (r <= 0.0f || owner == EMITTER_OWNER(light))
                 continue;
             const float3 o = (float3)(blockers->x[s], blockers->y[s], blockers->z[s]) - p;
-            const float along = dot(o, l), d2 = dot(o, o);
+            const float along = dot(o, l);
+            const float3 across = o - along * l;
             if (owner == receiver->object)
-                r = own_radius_1(r, blockers->outside[s], dot(receiver->geometric, o), sqrt(d2));
-            const float tau = fmax(d2 - r * r, 0.0f);
-            if (r > 0.0f && along > 0.0f && along * along >= tau && along - sqrt(along * along - tau) < reach)
+                r = own_radius_1(r, blockers->outside[s], dot(receiver->geometric, o), length(o));
+            const float half_chord2 = r * r - dot(across, across);
+            if (r > 0.0f && along > 0.0f && half_chord2 >= 0.0f && along - sqrt(half_chord2) < reach)
                 return 1;
         }
     }

@@ -191,8 +191,9 @@ int list_near(const __local blockers_t *blockers, __global const float *points, 
             list[2 * j + 1] = BELOW;
             continue;
         }
-        /* What a point sees of the light is no cone from the middle where that is inside of it or next to it. */
-        if (cap.near <= slack || cap.tau < COS2_WIDE * cap.d * cap.d) {
+        /* What a point sees of the light is no cone from the middle where that is inside of it or next to it; points
+           look at point lights along one direction. */
+        if (r == 0.0f || cap.near <= slack || cap.tau < COS2_WIDE * cap.d * cap.d) {
             list[2 * j + 1] = ALL_GROUPS;
             continue;
         }

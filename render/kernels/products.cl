@@ -6,6 +6,13 @@
 #define SCALE_CHANNEL 2
 #endif
 
+/* As product_row, of many pairs. */
+inline ri product_rows(ri i, ri j)
+{
+    const ri high = max(i, j);
+    return 3 * PRODUCT_ANGLES * (high * (high + 1) / 2 + min(i, j));
+}
+
 /* Residuals of the products of one lobe with lobes of the exponents e2: of the product's exponent (x) and of its scale
    (y), at `back` angles from the last one. Linear between the samples of four pairs of exponents and two angles. */
 inline void residuals(__global const float *table, float e1, rf e2, rf back, int count, rf *shape, rf *scale)

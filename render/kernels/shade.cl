@@ -129,7 +129,7 @@ inline void add_light(const __local frame_t *frame, int j, pi chosen, const rece
     const pi above = chosen & (below == 0);
     const int listed = frame->blockers.list[2 * j + 1];
     count->below += ones(chosen & below);
-    count->listed += ones(chosen) * max(listed, 0);
+    count->listed += ones(chosen) * (listed >= 0 ? listed : frame->blockers.n_groups * GROUP);
     if (!point_bits(above))
         return;
     pf terms[1 + MAX_LOBES];
@@ -330,10 +330,11 @@ void shade(__global const float *points, const int n_points, __global const floa
             end = ENDS_BEFORE(UP_TO_MASK) ? n_lights
                 : list_near(&frame.blockers, points + first, frame.stride, lights, begin, n_lights, near, list);
         barrier(CLK_LOCAL_MEM_FENCE);
+        const int next = end; /* before another item may write it */
         if (own < n_points)
-            counts[lane] = shade_points(&frame, own, begin, end);
+            counts[lane] = shade_points(&frame, own, begin, next);
         barrier(CLK_LOCAL_MEM_FENCE);
-        begin = end;
+        begin = next;
         if (lane == 0)
             add_stats(&sum, counts);
     } while (begin < n_lights);

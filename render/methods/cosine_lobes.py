@@ -241,7 +241,7 @@ class CosineLobes:
             result,
             sum(one.seconds for one in (*before, launch)),
             build_seconds,
-            _summary(counts, n, len(lights), blockers),
+            _summary(counts, n, len(lights), int(np.count_nonzero(groups.spheres[3] > 0))),
             {name: found[name] for name in layers},
         )
 
@@ -302,7 +302,8 @@ class CosineLobes:
 def _unlit(n: int, lights: int, layers: Sequence[str]) -> Shading:
     """What there is to see without a point or without a light."""
     dark = {name: np.zeros((n, 3) if name == "irradiance" else n, np.float32) for name in layers}
-    return Shading(np.zeros((n, 3), np.float32), 0.0, 0.0, {"points": n, "lights": lights}, dark)
+    nothing = _summary(np.zeros(1, layout.STATS), n, lights, 0)
+    return Shading(np.zeros((n, 3), np.float32), 0.0, 0.0, nothing, dark)
 
 
 def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:
@@ -314,19 +315,23 @@ def _pack_lights(scene: Scene, origin: NDArray) -> NDArray:
     return packed
 
 
-def _summary(counts: NDArray, n: int, n_lights: int, blockers: Blockers) -> dict[str, Any]:
-    """Shares of (point, light) pairs by what they needed, and the work per pair."""
+def _summary(counts: NDArray, n: int, n_lights: int, spheres: int) -> dict[str, Any]:
+    """Shares of (point, light) pairs by what they needed, and the work per pair; of `spheres` with emitters.
+
+    Tested are the spheres in the lists that points look through; the others were culled for whole tiles.
+    """
     pairs = n * n_lights
-    share = {name: float(counts[name].sum()) / pairs for name in counts.dtype.names or ()}
+    share = {name: float(counts[name].sum()) / max(pairs, 1) for name in counts.dtype.names or ()}
+    tested = min(share["listed"], float(spheres))  # where there is no list, groups are looked through
     return {
         "pairs": pairs,
         "fully_lit": share["lit"],
         "penumbra": share["partial"],
         "fully_dark": share["dark"],
         "below_horizon": share["below"],
-        "spheres": len(blockers.radii),
-        "spheres_tested_per_pair": share["listed"],
-        "spheres_culled_per_pair": len(blockers.radii) - share["listed"],
+        "spheres": spheres,
+        "spheres_tested_per_pair": tested,
+        "spheres_culled_per_pair": spheres - tested,
         "spheres_splatted_per_pair": share["splats"],
         "products_per_pair": share["products"],
         "leaves_per_pair": share["leaves"],

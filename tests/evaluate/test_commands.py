@@ -120,3 +120,18 @@ def test_a_folder_that_cannot_be_made_is_named(ball_scene, tmp_path):
     result = invoke("reference", ball_scene, "-o", tmp_path / "file", "--frames", 0, "--spp", 2)
     assert result.exit_code == 1
     assert "cannot be written" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--paper", "--table1"), "do not go together"),
+        (("--pareto", "--sweep", "ti"), "do not go together"),
+        (("--paper", "--set", "image.width=8"), "takes no --set"),
+        (("--table1", "--frames", "0"), "takes no --frames"),
+    ],
+)
+def test_kinds_of_evaluations_are_asked_for_one_by_one(arguments, said):
+    result = invoke("eval", *arguments)
+    assert result.exit_code == 2
+    assert said in result.stderr
