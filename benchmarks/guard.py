@@ -43,5 +43,8 @@ def read(path: Path) -> Ratios:
 
 
 def record(path: Path, found: Mapping[str, Mapping[str, float]]) -> None:
-    """Replace the ratios of the devices that were measured."""
-    write_json(path, {**read(path), **found})
+    """Replace the ratios that were measured, and keep the others."""
+    before = read(path)
+    write_json(
+        path, {**before, **{device: {**before.get(device, {}), **new} for device, new in found.items()}}
+    )

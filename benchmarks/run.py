@@ -83,8 +83,7 @@ def whole_rows(device: DeviceInfo) -> list[Row]:
             "outside the kernels, 512x512 sequence",
             share,
             "<= 50 %",
-            frame["outside"] <= 0.5,
-            frame["outside"],
+            frame["outside"] <= 0.5,  # not guarded: faster kernels raise this share
         ),
         Row("program build, cold", f"{cold:.2f} s", "<= 3 s", cold <= 3),
         Row("program build, warm", f"{warm:.2f} s", "<= 0.1 s", warm <= 0.1),
