@@ -20,9 +20,9 @@ def test_what_is_new_cannot_regress():
     assert guard.regressions({"cpu": {"new": 9.0}, "another": {"a": 9.0}}, RECORDED) == []
 
 
-def test_recording_replaces_the_devices_that_were_measured(tmp_path):
+def test_recording_replaces_what_was_measured_and_keeps_the_rest(tmp_path):
     path = tmp_path / "ratios.json"
     assert guard.read(path) == {}
     guard.record(path, RECORDED)
     guard.record(path, {"cpu": {"a": 0.5}})
-    assert guard.read(path) == {"cpu": {"a": 0.5}, "gpu": {"a": 1.0}}
+    assert guard.read(path) == {"cpu": {**RECORDED["cpu"], "a": 0.5}, "gpu": {"a": 1.0}}
