@@ -8,7 +8,7 @@ from typing import Any
 from coslobe.core.files import write_text
 from coslobe.evaluate.report import embed
 from coslobe.evaluate.report.page import Film, Page, Picture, Section, Table, Tile, Viewer, html
-from coslobe.evaluate.report.tables import error_table, metric_table, split_table, time_table
+from coslobe.evaluate.report.tables import error_table, metric_table, skip_table, split_table, time_table
 from coslobe.evaluate.verdicts import Verdict, counted, duration, percent
 
 
@@ -43,11 +43,13 @@ def write_report(results: Path) -> Path:
 
 def _tables(document: Mapping[str, Any]) -> Sequence[Table]:
     formulas, frames = document["formulas"], document["frames"]
+    skipped = document["render"]["skipped"]  # empty where all frames were there already
     return (
         error_table(frames, formulas),
         split_table(frames, formulas),
         metric_table(frames, formulas),
         time_table(frames),
+        *([skip_table(skipped)] if skipped else []),
     )
 
 

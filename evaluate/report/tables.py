@@ -164,6 +164,29 @@ def time_table(frames: Frames) -> Table:
     )
 
 
+SKIPPED = {
+    "fully_lit": ("points that see all of a light", percent),
+    "fully_dark": ("points that see none of it", percent),
+    "penumbra": ("points in penumbra, the only ones whose mask is looked into", percent),
+    "below_horizon": ("points with the light below their horizon", percent),
+    "spheres_culled_per_pair": ("spheres left out per point and light", "{:.1f}".format),
+    "spheres_tested_per_pair": ("spheres looked at", "{:.1f}".format),
+    "spheres_splatted_per_pair": ("spheres rasterised", "{:.2f}".format),
+    "products_per_pair": ("lobe products", "{:.2f}".format),
+    "leaves_per_pair": ("leaves of the mask", "{:.2f}".format),
+}
+
+
+def skip_table(skipped: Mapping[str, float]) -> Table:
+    """What rendering did not have to compute, on average over the frames."""
+    found = [(*SKIPPED[name], skipped[name]) for name in SKIPPED if name in skipped]
+    return Table(
+        "What was skipped",
+        ("of all pairs of a point and a light", "share or number"),
+        [(what, Cell(text(value), value)) for what, text, value in found],
+    )
+
+
 def _regions(frames: Frames, kinds: Sequence[str]) -> Iterator[tuple[str, Mapping[str, Any], bool]]:
     """Name, numbers, and whether it is the whole picture, of each frame and its parts."""
     for frame in frames:
