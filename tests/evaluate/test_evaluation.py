@@ -11,6 +11,7 @@ import pytest
 from coslobe.evaluate import evaluation
 from coslobe.evaluate.report import write_report
 from coslobe.evaluate.report.tables import skip_table
+from coslobe.evaluate.verdicts import percent
 from coslobe.render.images import read_exr, write_exr
 from coslobe.render.scene import load_scene
 
@@ -158,4 +159,4 @@ def test_one_frame_and_no_surface(ball_scene, device, tmp_path):
 
 def test_what_was_skipped_is_a_table_of_what_the_renderer_reports():
     table = skip_table({"fully_lit": 0.25, "spheres_tested_per_pair": 3.0, "pairs": 4096})
-    assert [cell.text for _, cell in table.rows] == ["25 %", "3.0"]
+    assert [cell.text for _, cell in table.rows] == [percent(0.25), "3.0"]
